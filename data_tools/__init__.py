@@ -1,0 +1,1 @@
+"""Data: rendered pairs with truth, benchmark readers, annotation."""

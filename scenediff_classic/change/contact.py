@@ -1,0 +1,114 @@
+"""Which changed regions belong to one thing because they touch.
+
+Classical regions split an object into its evenly coloured parts, where a learned segmenter would
+give it whole. Two parts of one thing meet without a depth step from wherever they are seen; two
+things that only overlap in one picture show a step there, or stand apart in the next one.
+"""
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float32, Int32
+
+
+@dataclass(frozen=True)
+class Border:
+    """The common border of two regions of one view, in pixels."""
+
+    smooth: float
+    """Length without a depth step."""
+    stepped: float
+    """Length across which depth jumps, or is unknown on one side."""
+
+
+def borders(
+    labels: Int32[np.ndarray, "h w"], depth: Float32[np.ndarray, "h w"], step: float
+) -> dict[tuple[int, int], Border]:
+    """Borders between all regions that touch (4-neighbours), by label pair, the smaller first.
+
+    Parameters
+    ----------
+    labels : int array
+        -1 = no region.
+    step : float
+        Relative depth difference of neighbouring pixels that counts as a jump.
+    """
+    found = []
+    with np.errstate(invalid="ignore", divide="ignore"):
+        log_depth = np.log(depth)
+    for axis in (0, 1):
+        head = tuple(slice(None, -1) if k == axis else slice(None) for k in (0, 1))
+        tail = tuple(slice(1, None) if k == axis else slice(None) for k in (0, 1))
+        a, b = labels[head], labels[tail]
+        cut = (a != b) & (a >= 0) & (b >= 0)
+        gap = np.abs(log_depth[head] - log_depth[tail])[cut]
+        smooth = np.nan_to_num(gap, nan=np.inf) <= step
+        found.append(np.c_[np.minimum(a, b)[cut], np.maximum(a, b)[cut], smooth])
+    rows = np.concatenate(found).astype(np.int64)
+    pairs, owner = np.unique(rows[:, :2], axis=0, return_inverse=True)
+    total = np.bincount(owner.ravel(), minlength=len(pairs))
+    smooth = np.bincount(owner.ravel(), rows[:, 2], minlength=len(pairs))
+    return {
+        (int(a), int(b)): Border(float(s), float(t - s))
+        for (a, b), s, t in zip(pairs, smooth, total, strict=True)
+    }
+
+
+@dataclass(frozen=True)
+class Part:
+    """A region as the joining sees it."""
+
+    group: int
+    view: int
+    label: int
+    area: float
+
+
+def joined(
+    parts: Sequence[Part],
+    borders_of: Mapping[int, Mapping[tuple[int, int], Border]],
+    least_share: float,
+    least_length: float,
+) -> list[set[int]]:
+    """Sets of groups that are one thing, judged over all views in which they touch.
+
+    Parameters
+    ----------
+    parts : sequence of Part
+    borders_of : mapping
+        View -> `borders` of that view.
+    least_share : float
+        Share of the common border that must be smooth.
+    least_length : float
+        Smooth length needed, as a fraction of the smaller part's size (square root of its area).
+    """
+    smooth: dict[tuple[int, int], float] = defaultdict(float)
+    stepped: dict[tuple[int, int], float] = defaultdict(float)
+    needed: dict[tuple[int, int], float] = defaultdict(float)
+    at = {(p.view, p.label): p for p in parts}
+    for view, found in borders_of.items():
+        for (a, b), border in found.items():
+            first, second = at.get((view, a)), at.get((view, b))
+            if first is None or second is None or first.group == second.group:
+                continue
+            key = min(first.group, second.group), max(first.group, second.group)
+            smooth[key] += border.smooth
+            stepped[key] += border.stepped
+            needed[key] += least_length * min(first.area, second.area) ** 0.5
+    parent = {p.group: p.group for p in parts}
+
+    def root(group: int) -> int:
+        while parent[group] != group:
+            group = parent[group]
+        return group
+
+    for a, b in sorted(smooth):
+        length, jump = smooth[a, b], stepped[a, b]
+        if length >= least_share * (length + jump) and length >= needed[a, b]:
+            parent[root(b)] = root(a)
+    sets: dict[int, set[int]] = defaultdict(set)
+    for group in parent:
+        sets[root(group)].add(group)
+    return [sets[key] for key in sorted(sets)]

@@ -1,0 +1,94 @@
+"""Changes as users read them: kind, confidence, place, size, and a mask in every view."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from scenediff_classic.cameras import mask_to_source
+from scenediff_classic.change.moves import Change
+from scenediff_classic.change.objects import ChangedRegion, SceneObject
+from scenediff_classic.masks import bbox, encode
+from scenediff_classic.types import ChangedObject, Geometry, Kind, ObjectView, TermScores
+
+
+@dataclass(frozen=True)
+class ConfidenceConfig:
+    """How a change score becomes a confidence."""
+
+    half: float = 0.20
+    """Score at which the confidence is one half."""
+
+    def __call__(self, score: float) -> float:
+        """Monotone in the score; 0 at 0, towards 1 for large scores."""
+        return float(1 - 0.5 ** (max(score, 0.0) / self.half))
+
+
+def describe(
+    changes: Sequence[Change], geometry: Geometry, confidence: ConfidenceConfig
+) -> tuple[ChangedObject, ...]:
+    """Objects for the result, most confident first, ids from 1."""
+    items = [_object(c, geometry, confidence) for c in changes]
+    items = [i for i in items if i.views]
+    items.sort(key=lambda i: (-i.confidence, i.kind, i.centroid_after or i.centroid_before or ()))
+    return tuple(_with_id(item, k + 1) for k, item in enumerate(items))
+
+
+def _object(change: Change, geometry: Geometry, confidence: ConfidenceConfig) -> ChangedObject:
+    sides = [s for s in (change.before, change.after) if s is not None]
+    kind: Kind = "moved" if len(sides) == 2 else "removed" if change.before else "added"
+    views = tuple(v for s in sides for v in _views(s, geometry, confidence))
+    regions = [r for s in sides for r in s.regions]
+    centroid_before, extent_before = _place(change.before, geometry.unit)
+    centroid_after, extent_after = _place(change.after, geometry.unit)
+    return ChangedObject(
+        id=0,
+        kind=kind,
+        confidence=float(np.mean([v.confidence for v in views])) if views else 0.0,
+        centroid_before=centroid_before,
+        centroid_after=centroid_after,
+        extent_before=extent_before,
+        extent_after=extent_after,
+        scores=TermScores(
+            *(
+                float(np.mean([getattr(r.terms, t) for r in regions]))
+                for t in ("geometry", "feature", "region")
+            )
+        ),
+        views=views,
+    )
+
+
+def _views(item: SceneObject, geometry: Geometry, confidence: ConfidenceConfig) -> list[ObjectView]:
+    by_view: dict[int, list[ChangedRegion]] = {}
+    for region in item.regions:
+        by_view.setdefault(region.view, []).append(region)
+    out = []
+    for k in sorted(by_view, key=lambda k: geometry.views[k].index):
+        view, regions = geometry.views[k], by_view[k]
+        mask = np.logical_or.reduce([r.mask for r in regions])
+        source = mask_to_source(mask, view.lens, view.intrinsics)
+        if not source.any():
+            continue
+        rle = encode(source)
+        score = float(
+            np.average([r.score for r in regions], weights=[r.mask.sum() for r in regions])
+        )
+        out.append(ObjectView(view.video, view.index, confidence(score), bbox(rle), rle))
+    return out
+
+
+def _place(
+    item: SceneObject | None, unit: float
+) -> tuple[tuple[float, float, float] | None, tuple[float, float, float] | None]:
+    if item is None or len(item.points) == 0:
+        return None, None
+    points = item.points * unit
+    low, high = np.percentile(points, [5, 95], axis=0)
+    extent = high - low
+    x, y, z = np.median(points, axis=0)
+    return (float(x), float(y), float(z)), (float(extent[0]), float(extent[1]), float(extent[2]))
+
+
+def _with_id(item: ChangedObject, number: int) -> ChangedObject:
+    return replace(item, id=number)

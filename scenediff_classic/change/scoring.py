@@ -1,0 +1,253 @@
+"""Region-level change scores (paper Sec. 4.2 and the first half of 4.3)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float, Float32, Int32
+
+from scenediff_classic.cameras import unproject
+from scenediff_classic.change.harmonise import HarmoniseConfig, harmonised
+from scenediff_classic.change.kernels import best_cosine
+from scenediff_classic.change.visibility import (
+    Comparable,
+    Reprojection,
+    VisibilityConfig,
+    pair_views,
+    reproject,
+)
+from scenediff_classic.protocols import FeatureExtractor, Progress, silent
+from scenediff_classic.types import VIDEOS, Geometry, Regions, ScoreMaps, View
+
+
+@dataclass(frozen=True)
+class ScoringConfig:
+    """Weights of the three cues and how they are pooled."""
+
+    geometry_weight: float = 1.0
+    """The paper's lambda_geom."""
+    feature_weight: float = 0.5
+    region_weight: float = 0.1
+    geometry_cap: float = 0.3
+    """Largest E_geom that counts: a farther background is no stronger evidence."""
+    shift_cells: int = 1
+    """A feature may match within this many grid cells of its reprojection: registration is not
+    perfect, and a silhouette off by a pixel is no change. 0 = the paper's exact comparison."""
+    min_visible: float = 0.3
+    """Regions with a smaller visible part have no score (0 after smoothing, as in the paper)."""
+    voxel: float = 1 / 200
+    """Side of the voxels that average scores over the views of a capture."""
+    visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
+    harmonise: HarmoniseConfig = field(default_factory=HarmoniseConfig)
+
+
+@dataclass(frozen=True)
+class RegionScores:
+    """Scores and descriptors of a view's regions, by region label; NaN = not comparable."""
+
+    geometry: Float[np.ndarray, "n"]
+    feature: Float[np.ndarray, "n"]
+    region: Float[np.ndarray, "n"]
+    total: Float[np.ndarray, "n"]
+    descriptors: Float32[np.ndarray, "n c"]
+    """Unit-length mean feature of each region."""
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Change evidence of the whole scene; sequences follow `Geometry.views`."""
+
+    maps: tuple[ScoreMaps, ...]
+    regions: tuple[RegionScores, ...]
+    pairs: tuple[tuple[int, int], ...]
+
+
+def score_changes(
+    geometry: Geometry,
+    regions: Sequence[Regions],
+    features: FeatureExtractor,
+    config: ScoringConfig,
+    progress: Progress = silent,
+) -> Scores:
+    """Compare every pair of co-visible views, both ways, and pool the evidence.
+
+    Parameters
+    ----------
+    geometry : Geometry
+        In normalised units (`change.scale.normalised`).
+    regions : sequence of Regions
+        One per view.
+    """
+    views = geometry.views
+    pairs = pair_views(geometry, config.visibility)
+    grids = []
+    for k, view in enumerate(
+        harmonised(geometry, pairs, config.harmonise, config.visibility).views
+    ):
+        grids.append(features(view))
+        progress("features", k + 1, len(views))
+    descriptors = [_region_means(g, r) for g, r in zip(grids, regions, strict=True)]
+    totals = [_Accumulator(view.shape, r) for view, r in zip(views, regions, strict=True)]
+    prepared = [Comparable.of(view, config.visibility) for view in views]
+    for done, (i, j) in enumerate(pairs):
+        for a, b in ((i, j), (j, i)):
+            seen = reproject(prepared[a], prepared[b], config.visibility)
+            distance = feature_distance(grids[a], grids[b], seen, views[b], config.shift_cells)
+            totals[a].add(seen, distance, descriptors[a], descriptors[b], config)
+        progress("scores", done + 1, len(pairs))
+    averaged = [t.averaged(config) for t in totals]
+    if len(views) > 2:  # a pair of single photos has nothing to average over (paper Sec. 4.4)
+        smoothed = smooth_in_3d(views, regions, [m.total for m in averaged], config)
+    else:
+        smoothed = [m.total for m in averaged]
+    maps, scored = [], []
+    for m, total, r, d in zip(averaged, smoothed, regions, descriptors, strict=True):
+        maps.append(ScoreMaps(m.geometry, m.feature, m.region, total))
+        scored.append(
+            RegionScores(
+                geometry=region_means(m.geometry, r)[0],
+                feature=region_means(m.feature, r)[0],
+                region=region_means(m.region, r)[0],
+                total=region_means(total, r)[0],
+                descriptors=d,
+            )
+        )
+    return Scores(tuple(maps), tuple(scored), pairs)
+
+
+def feature_distance(
+    source: np.ndarray, target: np.ndarray, seen: Reprojection, target_view: View, shift_cells: int
+) -> Float32[np.ndarray, "h w"]:
+    """E_feat of eq. 2 at every source pixel (before masking): 1 - cosine; NaN where unknown.
+
+    Computed once per feature cell; the best match within `shift_cells` counts.
+    """
+    height, width = seen.gap.shape
+    rows, columns = source.shape[:2]
+    cell_row = ((np.arange(rows) + 0.5) * height / rows).astype(int)
+    cell_column = ((np.arange(columns) + 0.5) * width / columns).astype(int)
+    xy = seen.xy[cell_row[:, None], cell_column]
+    x = xy[..., 0] * np.float32(target.shape[1] / target_view.shape[1])
+    y = xy[..., 1] * np.float32(target.shape[0] / target_view.shape[0])
+    best = best_cosine(source, target, x, y, shift_cells)
+    row = (np.arange(height) * rows // height)[:, None]
+    column = np.arange(width) * columns // width
+    return np.maximum(1 - best, 0)[row, column]
+
+
+def region_means(
+    values: Float[np.ndarray, "h w"], regions: Regions
+) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
+    """Mean over each region's finite values (NaN if it has none), and their share of its pixels."""
+    use = np.isfinite(values) & (regions.labels >= 0)
+    labels = regions.labels[use]
+    counts = np.bincount(labels, minlength=regions.count).astype(float)
+    sums = np.bincount(labels, values[use], minlength=regions.count)
+    sizes = np.bincount(regions.labels[regions.labels >= 0], minlength=regions.count)
+    means = np.divide(sums, counts, out=np.full(regions.count, np.nan), where=counts > 0)
+    return means, counts / np.maximum(sizes, 1)
+
+
+def paint(values: Float[np.ndarray, "n"], labels: Int32[np.ndarray, "h w"]) -> np.ndarray:
+    """Every pixel gets its region's value; NaN where no region is."""
+    out = np.append(values, np.nan).astype(np.float32)
+    return out[labels]  # label -1 picks the appended NaN
+
+
+def smooth_in_3d(
+    views: Sequence[View],
+    regions: Sequence[Regions],
+    totals: Sequence[Float32[np.ndarray, "h w"]],
+    config: ScoringConfig,
+) -> list[Float32[np.ndarray, "h w"]]:
+    """Average within voxels over each capture's views, then over regions again (Sec. 4.3)."""
+    out: list[np.ndarray] = list(totals)
+    for video in VIDEOS:
+        members = [k for k, v in enumerate(views) if v.video == video]
+        points = [unproject(views[k]) for k in members]
+        known = [
+            np.isfinite(totals[k]) & np.isfinite(p[..., 0])
+            for k, p in zip(members, points, strict=True)
+        ]
+        if not any(k.any() for k in known):
+            continue
+        cells = np.concatenate(
+            [np.floor(p[k] / config.voxel) for p, k in zip(points, known, strict=True)]
+        )
+        values = np.concatenate([totals[k][m] for k, m in zip(members, known, strict=True)])
+        cells = (cells - cells.min(axis=0)).astype(np.int64)
+        spans = cells.max(axis=0) + 1
+        keys = (cells[:, 0] * spans[1] + cells[:, 1]) * spans[2] + cells[:, 2]
+        _, owner = np.unique(keys, return_inverse=True)
+        mean = (np.bincount(owner, values) / np.bincount(owner))[owner]
+        parts = np.split(mean, np.cumsum([k.sum() for k in known])[:-1])
+        for k, mask, part in zip(members, known, parts, strict=True):
+            written = np.full(totals[k].shape, np.nan, np.float32)
+            written[mask] = part
+            pooled, visible = region_means(written, regions[k])
+            pooled[visible < config.min_visible] = 0
+            out[k] = paint(pooled, regions[k].labels)
+    return out
+
+
+class _Accumulator:
+    """Sums of one view's scores over the views it was compared with."""
+
+    def __init__(self, shape: tuple[int, int], regions: Regions) -> None:
+        self.regions = regions
+        self.sums = np.zeros((3, *shape), np.float32)
+        self.counts = np.zeros((3, *shape), np.float32)
+
+    def add(
+        self,
+        seen: Reprojection,
+        distance: np.ndarray,
+        own: np.ndarray,
+        other: np.ndarray,
+        config: ScoringConfig,
+    ) -> None:
+        """Pool one comparison over the regions and add it where the pair could see."""
+        gap = np.where(seen.visible, np.clip(seen.gap, None, config.geometry_cap), np.nan)
+        gap = np.where(seen.measured | ~seen.visible, gap, 0)  # a guessed depth proves nothing
+        e_geom, visible = region_means(gap, self.regions)
+        e_feat, _ = region_means(np.where(seen.visible, distance, np.nan), self.regions)
+        e_region = np.full(self.regions.count, np.nan)
+        if len(other):
+            e_region = 1 - (own @ other.T).max(axis=1)
+        e_region[visible < 0.5] = np.nan  # the paper leaves out mostly masked regions
+        for k, values in enumerate((e_geom, e_feat, e_region)):
+            values[visible < config.min_visible] = np.nan
+            painted = np.where(seen.visible, paint(values, self.regions.labels), np.nan)
+            known = np.isfinite(painted)
+            self.sums[k][known] += painted[known]
+            self.counts[k] += known
+
+    def averaged(self, config: ScoringConfig) -> ScoreMaps:
+        """Unweighted mean over the pairs that saw the pixel, and the weighted sum (eq. 4)."""
+        with np.errstate(invalid="ignore"):
+            geometry, feature, region = self.sums / np.where(self.counts > 0, self.counts, np.nan)
+        total = (
+            config.geometry_weight * geometry
+            + config.feature_weight * feature
+            + config.region_weight * np.nan_to_num(region)
+        )
+        return ScoreMaps(geometry, feature, region, total)
+
+
+def _region_means(grid: np.ndarray, regions: Regions) -> Float32[np.ndarray, "n c"]:
+    rows, columns, channels = grid.shape
+    height, width = regions.labels.shape
+    row = (np.arange(height) * rows // height)[:, None]
+    column = np.arange(width) * columns // width
+    cell = row * columns + column
+    inside = regions.labels >= 0
+    # pixel counts of every (region, cell) pair, so that thin regions get their share as well
+    keys, counts = np.unique(
+        regions.labels[inside].astype(np.int64) * (rows * columns) + cell[inside],
+        return_counts=True,
+    )
+    flat = grid.reshape(-1, channels).astype(np.float32)
+    weighted = flat[keys % (rows * columns)] * counts[:, None].astype(np.float32)
+    sums = np.zeros((regions.count, channels), np.float32)
+    np.add.at(sums, keys // (rows * columns), weighted)
+    return sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-8)

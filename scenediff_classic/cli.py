@@ -1,0 +1,218 @@
+"""The command line: arguments, progress bars, exit codes; nothing else lives here."""
+
+import logging
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+from rich.console import Console
+from rich.logging import RichHandler
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as Bars
+
+from scenediff_classic.change.moves import MoveConfig
+from scenediff_classic.change.objects import ObjectConfig
+from scenediff_classic.change.scoring import ScoringConfig
+from scenediff_classic.change.threshold import ThresholdConfig
+from scenediff_classic.dataset.export import ExportFormat, export
+from scenediff_classic.detection_run import CaptureOptions, run_detection
+from scenediff_classic.errors import InputError, SceneDiffError
+from scenediff_classic.evaluation.benchmark import Split, Subset, evaluate
+from scenediff_classic.evaluation.rules import Mode
+from scenediff_classic.evaluation.tables import pair_table, summary_table, to_json
+from scenediff_classic.pipeline import DetectConfig, detect_changes
+from scenediff_classic.presets import Preset, configured
+from scenediff_classic.protocols import Progress
+from scenediff_classic.report.page import verdict
+from scenediff_classic.result.reading import read_result
+
+_out = Console()
+_err = Console(stderr=True)
+
+
+@dataclass(frozen=True)
+class Detect:
+    """Find what was added, removed or moved between two captures of a place.
+
+    Each capture is a video file, a folder of photos, or one photo.
+    """
+
+    before: tyro.conf.Positional[Path]
+    """The earlier capture."""
+    after: tyro.conf.Positional[Path]
+    """The later capture."""
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    """Folder for the result; made anew. A killed run with the same call continues."""
+    preset: Preset = "balanced"
+    """Trade-off between time and detail."""
+    fps: float = 1.0
+    """Frames per second taken of a video."""
+    long_side: int | None = None
+    """Working size: longer side in pixels (fast 320, balanced 512, accurate 768)."""
+    geometry: Path | None = None
+    """Known cameras and depth: an .npz, a COLMAP model with depth maps, a depth-camera folder, or
+    the output folder of an earlier run. Left out: computed from the pictures."""
+    before_range: tuple[float, float] | None = None
+    """Seconds of the before video to use: start end."""
+    after_range: tuple[float, float] | None = None
+    """Seconds of the after video to use: start end."""
+    before_ignore: Path | None = None
+    """Folder of masks of dynamic content in the before capture (not zero = ignore)."""
+    after_ignore: Path | None = None
+    """The same for the after capture."""
+    seed: int = 0
+    """Same seed, same result."""
+    device: Literal["auto", "cpu", "cuda"] = "auto"
+    """Every stage of this version runs on the CPU, so that auto means cpu and cuda is refused."""
+    overwrite: bool = False
+    """Replace the result of another run in the output folder."""
+    scoring: ScoringConfig = field(default_factory=ScoringConfig)
+    threshold: ThresholdConfig = field(default_factory=ThresholdConfig)
+    objects: ObjectConfig = field(default_factory=ObjectConfig)
+    moves: MoveConfig = field(default_factory=MoveConfig)
+
+    def __call__(self) -> None:
+        """Run the detection and say what was found."""
+        if self.device == "cuda":
+            raise InputError(
+                "--device cuda: this version has no stage for CUDA; pass --device cpu or auto."
+            )
+        base = DetectConfig(
+            scoring=self.scoring, threshold=self.threshold, objects=self.objects, moves=self.moves
+        )
+        config = configured(
+            self.preset, long_side=self.long_side, seed=self.seed, geometry=self.geometry, base=base
+        )
+        with _progress() as progress:
+            result = run_detection(
+                self._capture(self.before, self.before_range, self.before_ignore),
+                self._capture(self.after, self.after_range, self.after_ignore),
+                self.out,
+                lambda before, after, workspace, progress: detect_changes(
+                    before, after, config, workspace=workspace, progress=progress
+                ),
+                config,
+                seed=self.seed,
+                overwrite=self.overwrite,
+                uses=() if self.geometry is None else (self.geometry,),
+                command=tuple(sys.argv),
+                progress=progress,
+            )
+        if result is None:
+            _out.print(f"{_shown(self.out)} holds this very result already: nothing to do.")
+            result = read_result(self.out / "changes.json")
+        _print_notes(result.warnings)
+        _out.print(f"[bold]{verdict(result)}[/bold]")
+        _out.print(f"Open {_shown(self.out / 'report.html')}", soft_wrap=True)
+
+    def _capture(
+        self, path: Path, part: tuple[float, float] | None, ignore: Path | None
+    ) -> CaptureOptions:
+        start, end = part if part is not None else (0.0, None)
+        return CaptureOptions(path, self.fps, start, end, ignore)
+
+
+@dataclass(frozen=True)
+class Evaluate:
+    """Score predictions against annotations: px/im IoU, obj/im AP, obj/sc AP, type-aware AP."""
+
+    predictions: tyro.conf.Positional[Path]
+    """Folder with <pair>/changes.json or <pair>/object_masks.pkl."""
+    truth: tyro.conf.Positional[Path]
+    """Folder with <pair>/segments.json or <pair>/segments.pkl, or a benchmark's root."""
+    mode: Mode = "strict"
+    """strict: as the paper says; official: as the published evaluator computes."""
+    split: Split | None = None
+    """Only the pairs of this split file."""
+    subset: Subset | None = None
+    """Only the pairs of this subset of the split."""
+    json: bool = False
+    """Print JSON instead of tables."""
+
+    def __call__(self) -> None:
+        """Print the tables."""
+        with _progress() as progress:
+            scores = evaluate(
+                self.predictions, self.truth, self.mode,
+                split=self.split, subset=self.subset, progress=progress,
+            )  # fmt: skip
+        if self.json:
+            print(to_json(scores))
+            return
+        _out.print(pair_table(scores))
+        _out.print(summary_table(scores))
+        _print_notes(scores.warnings)
+
+
+@dataclass(frozen=True)
+class Export:
+    """Write a finished result in another tool's format."""
+
+    out: tyro.conf.Positional[Path]
+    """Output folder of a finished run."""
+    format: ExportFormat = "scenediff"
+    """scenediff: object_masks.pkl as in the benchmark; coco: COCO JSON."""
+    destination: Path | None = None
+    """File or folder to write to; left out: the output folder."""
+
+    def __call__(self) -> None:
+        """Write the file and name it."""
+        written = export(self.out, self.format, self.destination)
+        _out.print(f"Wrote {_shown(written)}", soft_wrap=True)
+
+
+def main() -> None:
+    """Run a subcommand; exit code 0 = done, 2 = input or set-up is at fault, 130 = interrupted."""
+    logging.basicConfig(
+        level=logging.WARNING, format="%(message)s", handlers=[RichHandler(console=_err)]
+    )
+    command = tyro.extras.subcommand_cli_from_dict(
+        {"detect": Detect, "evaluate": Evaluate, "export": Export},
+        description="Object-level change detection between two captures of a scene.",
+    )
+    try:
+        command()
+    except SceneDiffError as error:
+        _err.print(f"[red]Error:[/red] {_shown(error)}", soft_wrap=True, highlight=False)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        _err.print("Interrupted. The same call continues where this one stopped.")
+        sys.exit(130)
+
+
+def _print_notes(notes: Iterable[str]) -> None:
+    for note in notes:
+        _err.print(f"[yellow]Note:[/yellow] {_shown(note)}", soft_wrap=True, highlight=False)
+
+
+def _shown(value: object) -> str:
+    """Text as it is: brackets are no markup, and names of files need not be valid Unicode."""
+    return escape(str(value).encode(errors="backslashreplace").decode())
+
+
+@contextmanager
+def _progress() -> Iterator[Progress]:
+    """One bar per stage, on the error stream."""
+    columns = (
+        TextColumn("{task.description:<14}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
+    )  # fmt: skip
+    with Bars(*columns, console=_err) as bars:
+        tasks = {}
+
+        def report(stage: str, done: int, total: int) -> None:
+            if stage not in tasks:
+                for earlier in tasks.values():
+                    bars.stop_task(earlier)
+                tasks[stage] = bars.add_task(stage, total=total or None)
+            bars.update(tasks[stage], completed=done, total=total or None)
+
+        yield report
+
+
+if __name__ == "__main__":
+    main()

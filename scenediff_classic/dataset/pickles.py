@@ -1,0 +1,148 @@
+"""Pickles from strangers: read without running anything that they name.
+
+A pickle is a small program. Ours is allowed to build plain Python values only; NumPy's arrays
+and scalars are rebuilt here, as lists and numbers, so that no code of NumPy's (which trusts what
+it unpickles) sees the file. Every stand-in is an object without attributes: a pickle that tries
+to change one fails.
+"""
+
+import pickle
+import re
+import reprlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scenediff_classic.errors import InputError
+
+
+def read_pickle(path: Path) -> Any:
+    """Plain value of a pickle; NumPy arrays become nested lists (of no dimension: ``[value]``).
+
+    Raises
+    ------
+    InputError
+        The file is absent, damaged, or would build anything but containers, text, bytes,
+        numbers and NumPy arrays of them.
+    """
+    try:
+        with path.open("rb") as file:
+            return _PlainUnpickler(file).load()
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror or error}).") from error
+    except _ForbiddenError as error:
+        raise InputError(
+            f"{path} was refused: it asks for {error}, but only plain values and NumPy arrays "
+            "are read from a pickle, because a pickle can run any code."
+        ) from error
+    except Exception as error:  # a damaged pickle fails with almost any exception
+        raise InputError(f"{path} is not a readable pickle: it is damaged or cut short.") from error
+
+
+class _ForbiddenError(Exception):
+    """The pickle names something outside the plain values."""
+
+
+class _PlainUnpickler(pickle.Unpickler):
+    def find_class(self, module: str, name: str) -> Any:
+        module = module.replace("numpy.core", "numpy._core").replace("__builtin__", "builtins")
+        try:
+            return _ALLOWED[module, name]
+        except KeyError:
+            raise _ForbiddenError(f"{module}.{name}"[:100]) from None
+
+
+class _ArrayClass:
+    """Stands for ``numpy.ndarray`` where a pickle hands it on as an argument."""
+
+    __slots__ = ()
+
+
+class _Dtype:
+    """A number type: kind, size and byte order, nothing else."""
+
+    __slots__ = ("number",)
+
+    def __init__(self, code: object) -> None:
+        if not isinstance(code, str) or not re.fullmatch(r"[?]|[biuf][1248]", code):
+            raise _ForbiddenError(f"the NumPy type {reprlib.repr(code)}")
+        self.number = np.dtype(code)
+
+    def __setstate__(self, state: tuple[Any, ...]) -> None:
+        if state[1] == ">":
+            self.number = self.number.newbyteorder(">")
+
+    def values(self, data: bytes) -> np.ndarray:
+        return np.frombuffer(data, self.number)
+
+
+class _List(list):
+    """An array under construction: NumPy's pickles fill it in a second step."""
+
+    __slots__ = ()
+
+    def __setstate__(self, state: tuple[Any, ...]) -> None:
+        _, shape, dtype, column_major, data = state
+        self[:] = _reshaped(dtype.values(data), shape, "F" if column_major else "C")
+
+
+class _MakeDtype:
+    __slots__ = ()
+
+    def __call__(self, code: object, *_: object) -> _Dtype:
+        return _Dtype(code)
+
+
+class _MakeArray:
+    __slots__ = ()
+
+    def __call__(self, *_: object) -> _List:
+        return _List()
+
+
+class _MakeArrayFromBuffer:
+    """The form that pickle protocol 5 uses."""
+
+    __slots__ = ()
+
+    def __call__(self, data: Any, dtype: _Dtype, shape: tuple[int, ...], order: Any) -> Any:
+        return _reshaped(dtype.values(bytes(data)), shape, "F" if order == "F" else "C")
+
+
+class _MakeScalar:
+    __slots__ = ()
+
+    def __call__(self, dtype: _Dtype, data: bytes | str) -> Any:
+        return dtype.values(_latin_bytes(data))[0].item()
+
+
+class _MakeBytes:
+    """The form that the oldest protocols use for bytes."""
+
+    __slots__ = ()
+
+    def __call__(self, text: str = "", *_: object) -> bytes:
+        return _latin_bytes(text)
+
+
+def _latin_bytes(data: bytes | str) -> bytes:
+    return data.encode("latin-1") if isinstance(data, str) else bytes(data)
+
+
+def _reshaped(values: np.ndarray, shape: Any, order: Any) -> Any:
+    return values.reshape(tuple(shape) or (1,), order=order).tolist()
+
+
+_ALLOWED: dict[tuple[str, str], Any] = {
+    ("builtins", "set"): set,
+    ("builtins", "frozenset"): frozenset,
+    ("builtins", "bytearray"): bytearray,
+    ("builtins", "bytes"): _MakeBytes(),
+    ("_codecs", "encode"): _MakeBytes(),
+    ("numpy", "ndarray"): _ArrayClass(),
+    ("numpy", "dtype"): _MakeDtype(),
+    ("numpy._core.multiarray", "_reconstruct"): _MakeArray(),
+    ("numpy._core.multiarray", "scalar"): _MakeScalar(),
+    ("numpy._core.numeric", "_frombuffer"): _MakeArrayFromBuffer(),
+}

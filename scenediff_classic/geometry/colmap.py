@@ -1,0 +1,302 @@
+"""COLMAP behind plain values: the only module that imports pycolmap.
+
+Everything that leaves this module is a NumPy array or one of the project's frozen dataclasses, so
+that the rest never meets COLMAP's mutable objects, its ids or its logging.
+"""
+
+import itertools
+
+# pycolmap's wheel exports zlib symbols of its own: whoever loads it before Python's zlib makes the
+# process abort when zlib is next flushed. Importing zlib first is enough.
+import zlib  # noqa: F401
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+from jaxtyping import Float64
+
+from scenediff_classic.cameras import project, source_from_view
+from scenediff_classic.errors import InputError
+from scenediff_classic.geometry.sparse_model import (
+    FeatureRecipe,
+    MapperRecipe,
+    PairMatch,
+    Picture,
+    PosedPicture,
+    SparseModel,
+)
+from scenediff_classic.types import Lens, SparsePoints
+
+pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value
+
+VERSION: str = pycolmap.__version__
+
+
+@dataclass(frozen=True)
+class Database:
+    """A COLMAP database file and the pictures it is about."""
+
+    path: Path
+    images: Path
+    pictures: tuple[Picture, ...]
+    seed: int = 0
+
+    def create(self) -> None:
+        """Write cameras and pictures under fixed ids, so that threads cannot reorder them."""
+        with pycolmap.Database.open(self.path) as database:
+            for picture in {p.camera: p for p in reversed(self.pictures)}.values():
+                self._write_camera(database, picture)
+            for number, picture in enumerate(self.pictures, start=1):
+                image = pycolmap.Image(
+                    name=picture.name, camera_id=picture.camera + 1, image_id=number
+                )
+                database.write_image(image, use_image_id=True)
+                frame = pycolmap.Frame(frame_id=number, rig_id=picture.camera + 1)
+                frame.add_data_id(image.data_id)
+                database.write_frame(frame, use_frame_id=True)
+
+    @staticmethod
+    def _write_camera(database: pycolmap.Database, picture: Picture) -> None:
+        focal = picture.focal or 1.2 * max(picture.width, picture.height)  # COLMAP's own guess
+        camera = pycolmap.Camera.create_from_model_id(
+            picture.camera + 1,
+            pycolmap.CameraModelId.SIMPLE_RADIAL,
+            focal,
+            picture.width,
+            picture.height,
+        )
+        camera.has_prior_focal_length = picture.focal is not None
+        database.write_camera(camera, use_camera_id=True)
+        rig = pycolmap.Rig(rig_id=camera.camera_id)
+        rig.add_ref_sensor(camera.sensor_id)
+        database.write_rig(rig, use_rig_id=True)
+
+    def extract(self, names: Sequence[str], masks: Path, recipe: FeatureRecipe) -> None:
+        """Find features of the named pictures, outside the black of ``masks/<name>.png``."""
+        reader = pycolmap.ImageReaderOptions()
+        if masks.is_dir():
+            reader.mask_path = masks
+        options = pycolmap.FeatureExtractionOptions()
+        options.max_image_size = recipe.max_side
+        options.sift.peak_threshold = recipe.peak_threshold
+        options.sift.estimate_affine_shape = recipe.affine
+        options.sift.domain_size_pooling = recipe.affine
+        pycolmap.extract_features(
+            self.path,
+            self.images,
+            list(names),
+            reader_options=reader,
+            extraction_options=options,
+            device=pycolmap.Device.cpu,
+        )
+
+    def match(self, pairs: Sequence[tuple[str, str]], recipe: FeatureRecipe) -> None:
+        """Match the given pairs of pictures and verify them geometrically."""
+        listing = self.path.with_suffix(".pairs.txt")
+        listing.write_text("".join(f"{first} {second}\n" for first, second in pairs))
+        options = pycolmap.FeatureMatchingOptions()
+        options.guided_matching = recipe.guided
+        options.sift.max_ratio = recipe.ratio
+        pairing = pycolmap.ImportedPairingOptions()
+        pairing.match_list_path = listing
+        verification = pycolmap.TwoViewGeometryOptions()
+        verification.ransac.random_seed = self.seed  # each pair starts anew: threads do not matter
+        # Two captures from one tripod differ by a shift of the whole border, like a watermark.
+        verification.detect_watermark = False
+        pycolmap.match_image_pairs(
+            self.path, options, pairing, verification, device=pycolmap.Device.cpu
+        )
+        listing.unlink()
+
+    def feature_counts(self) -> dict[str, int]:
+        """Number of features by picture name."""
+        with pycolmap.Database.open(self.path) as database:
+            return {
+                picture.name: database.num_keypoints_for_image(number)
+                for number, picture in enumerate(self.pictures, start=1)
+            }
+
+    def descriptors(self, name: str) -> Float64[np.ndarray, "n 128"]:
+        """SIFT descriptors of a picture, in COLMAP's 0 to 255 scale."""
+        number = [p.name for p in self.pictures].index(name) + 1
+        with pycolmap.Database.open(self.path) as database:
+            return np.asarray(database.read_descriptors(number).data, dtype=np.float64)
+
+    def verified_pairs(self) -> tuple[PairMatch, ...]:
+        """All pairs that passed the geometric verification."""
+        with pycolmap.Database.open(self.path) as database:
+            ids, geometries = database.read_two_view_geometries()
+            keypoints = {
+                number: database.read_keypoints(number)[:, :2]
+                if database.exists_keypoints(number)
+                else np.zeros((0, 2))
+                for number in range(1, len(self.pictures) + 1)
+            }
+        found = []
+        for pair, geometry in zip(ids, geometries, strict=True):
+            matches = np.asarray(geometry.inlier_matches)
+            if len(matches) == 0:
+                continue
+            first, second = pycolmap.pair_id_to_image_pair(pair)
+            found.append(
+                PairMatch.measure(
+                    self.pictures[first - 1].name,
+                    self.pictures[second - 1].name,
+                    keypoints[first][matches[:, 0]] / self._side(first),
+                    keypoints[second][matches[:, 1]] / self._side(second),
+                )
+            )
+        return tuple(found)
+
+    def _side(self, number: int) -> int:
+        picture = self.pictures[number - 1]
+        return max(picture.width, picture.height)
+
+    def reconstruct(
+        self, folder: Path, recipe: MapperRecipe, registered: Callable[[int], None]
+    ) -> tuple[Path, ...]:
+        """Compute cameras and points; the folders of the resulting models, largest first.
+
+        Parameters
+        ----------
+        registered : callable
+            Called with the number of pictures placed so far in the current model.
+        """
+        folder.mkdir(parents=True, exist_ok=True)
+        if recipe.method == "global":
+            models = pycolmap.global_mapping(
+                self.path, self.images, folder, self._global_options(recipe)
+            )
+        else:
+            counter = itertools.count(2)
+            models = pycolmap.incremental_mapping(
+                self.path,
+                self.images,
+                folder,
+                self._incremental_options(recipe),
+                next_image_callback=lambda: registered(next(counter)),
+            )
+        for number, model in models.items():
+            model.extract_colors_for_all_images(self.images)
+            (folder / str(number)).mkdir(exist_ok=True)
+            model.write(folder / str(number))
+        ranked = sorted(models, key=lambda number: (-models[number].num_reg_images(), number))
+        return tuple(folder / str(number) for number in ranked)
+
+    def _incremental_options(self, recipe: MapperRecipe) -> pycolmap.IncrementalPipelineOptions:
+        options = pycolmap.IncrementalPipelineOptions()
+        options.random_seed = self.seed
+        options.num_threads = 1  # parallel sums in the solver would differ from run to run
+        options.min_model_size = 2
+        options.max_num_models = 4
+        options.mapper.init_min_num_inliers = recipe.init_inliers
+        options.mapper.init_min_tri_angle = recipe.init_angle
+        options.mapper.abs_pose_min_num_inliers = recipe.pose_inliers
+        options.triangulation.ignore_two_view_tracks = not recipe.two_view_points
+        options.ba_refine_focal_length = recipe.refine_lens
+        options.ba_refine_extra_params = recipe.refine_lens
+        return options
+
+    def _global_options(self, recipe: MapperRecipe) -> pycolmap.GlobalPipelineOptions:
+        options = pycolmap.GlobalPipelineOptions()
+        options.random_seed = self.seed
+        options.num_threads = 1
+        options.mapper.random_seed = self.seed
+        options.mapper.bundle_adjustment.refine_focal_length = recipe.refine_lens
+        options.mapper.bundle_adjustment.refine_extra_params = recipe.refine_lens
+        return options
+
+
+def read_model(folder: Path) -> SparseModel:
+    """Read a COLMAP model, text or binary.
+
+    Raises
+    ------
+    InputError
+        If the folder holds no readable model, or a camera model with another lens formula.
+    """
+    try:
+        model = pycolmap.Reconstruction(folder)
+    except (ValueError, RuntimeError, IndexError) as error:
+        raise InputError(f"{folder} does not hold a COLMAP model that can be read.") from error
+    images = sorted((i for i in model.images.values() if i.has_pose), key=lambda i: i.name)
+    position = {image.image_id: number for number, image in enumerate(images)}
+    pictures = tuple(
+        PosedPicture(image.name, _lens(image.camera, folder), _matrix(image.cam_from_world()))
+        for image in images
+    )
+    xyz, rgb, observations = [], [], []
+    for number in sorted(model.point3D_ids()):
+        point = model.point3D(number)
+        seen = sorted({position[e.image_id] for e in point.track.elements})
+        observations += [(len(xyz), picture) for picture in seen]
+        xyz.append(point.xyz)
+        rgb.append(point.color)
+    points = SparsePoints(
+        np.array(xyz, np.float64).reshape(-1, 3),
+        np.array(rgb, np.uint8).reshape(-1, 3),
+        np.array(observations, np.int64).reshape(-1, 2),
+    )
+    error = model.compute_mean_reprojection_error() if xyz else float("nan")
+    return SparseModel(pictures, points, error)
+
+
+def write_model(model: SparseModel, folder: Path) -> None:
+    """Write a model in COLMAP's binary format; keypoints are the points' projections."""
+    output = pycolmap.Reconstruction()
+    observed = [
+        model.points.observations[model.points.observations[:, 1] == n, 0]
+        for n in range(len(model.pictures))
+    ]
+    for number, picture in enumerate(model.pictures, start=1):
+        output.add_camera_with_trivial_rig(_camera(picture.lens, number))
+        keypoints = _keypoints(model.points.xyz[observed[number - 1]], picture)
+        image = pycolmap.Image(picture.name, keypoints, number, number)
+        pose = pycolmap.Rigid3d(picture.cam_from_world[:3])
+        output.add_image_with_trivial_frame(image, pose)
+    tracks = [pycolmap.Track() for _ in model.points.xyz]
+    for number, points in enumerate(observed, start=1):
+        for keypoint, point in enumerate(points):
+            tracks[point].add_element(number, keypoint)
+    for track, xyz, rgb in zip(tracks, model.points.xyz, model.points.rgb, strict=True):
+        output.add_point3D(xyz, track, rgb)
+    folder.mkdir(parents=True, exist_ok=True)
+    output.write(folder)
+
+
+def _keypoints(
+    xyz: Float64[np.ndarray, "n 3"], picture: PosedPicture
+) -> Float64[np.ndarray, "n 2"]:
+    xy, _ = project(xyz, picture.lens.intrinsics, picture.cam_from_world)
+    return source_from_view(xy, picture.lens, picture.lens.intrinsics)
+
+
+def _matrix(pose: pycolmap.Rigid3d) -> Float64[np.ndarray, "4 4"]:
+    return np.vstack([pose.matrix(), [0.0, 0.0, 0.0, 1.0]])
+
+
+def _camera(lens: Lens, number: int) -> pycolmap.Camera:
+    k = lens.intrinsics
+    return pycolmap.Camera(
+        camera_id=number,
+        model="OPENCV",
+        width=lens.width,
+        height=lens.height,
+        params=[k[0, 0], k[1, 1], k[0, 2], k[1, 2], *lens.distortion],
+    )
+
+
+def _lens(camera: pycolmap.Camera, folder: Path) -> Lens:
+    """OpenCV's (k1, k2, p1, p2) of COLMAP's perspective camera models."""
+    extra = np.asarray(camera.params)[list(camera.extra_params_idxs())]
+    known = camera.model_name in {"SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"}
+    if not known and not (camera.model_name == "FULL_OPENCV" and not np.any(extra[4:])):
+        raise InputError(
+            f"{folder} uses the camera model {camera.model_name}, which is not supported: "
+            "undistort the pictures first (colmap image_undistorter)."
+        )
+    distortion = np.zeros(4)
+    distortion[: min(len(extra), 4)] = extra[:4]
+    return Lens(camera.width, camera.height, np.array(camera.calibration_matrix()), distortion)

@@ -1,0 +1,110 @@
+"""What goes into COLMAP and what comes out of it, as plain values."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import cv2
+import numpy as np
+from jaxtyping import Float, Float64
+
+from scenediff_classic.types import Lens, SparsePoints
+
+
+@dataclass(frozen=True)
+class Picture:
+    """An image file as COLMAP sees it."""
+
+    name: str
+    """Path relative to the image folder, without spaces."""
+    width: int
+    height: int
+    camera: int
+    """Pictures of the same number share one camera; from 0."""
+    focal: float | None
+    """Prior focal length in pixels of this file; None = unknown."""
+
+
+@dataclass(frozen=True)
+class FeatureRecipe:
+    """How features are found and matched."""
+
+    name: str
+    peak_threshold: float = 0.0067
+    """Lowest contrast of a SIFT keypoint; COLMAP's default is 0.02 / 3."""
+    ratio: float = 0.8
+    """Largest distance ratio of the best to the second best match."""
+    affine: bool = False
+    """Estimate affine shape and pool descriptors over domain sizes: slower, more viewpoint."""
+    guided: bool = False
+    """Match again along the estimated epipolar geometry."""
+    max_side: int = 1600
+    """Larger pictures are searched at this long side."""
+
+
+@dataclass(frozen=True)
+class MapperRecipe:
+    """How cameras and points are computed from matches."""
+
+    name: str
+    method: Literal["incremental", "global"] = "incremental"
+    init_inliers: int = 100
+    """Fewest matches of the first pair."""
+    init_angle: float = 16.0
+    """Smallest median triangulation angle of the first pair, in degrees."""
+    pose_inliers: int = 30
+    """Fewest 2D-3D matches that place a further picture."""
+    two_view_points: bool = False
+    """Also keep points that only two pictures see."""
+    refine_lens: bool = True
+    """Refine focal length and distortion; two pictures alone cannot carry that."""
+
+
+@dataclass(frozen=True)
+class PosedPicture:
+    """A picture whose camera is known."""
+
+    name: str
+    lens: Lens
+    cam_from_world: Float64[np.ndarray, "4 4"]
+
+
+@dataclass(frozen=True)
+class SparseModel:
+    """A COLMAP reconstruction as plain values; pictures are sorted by name."""
+
+    pictures: tuple[PosedPicture, ...]
+    points: SparsePoints
+    """Observations count positions in `pictures`."""
+    error: float
+    """Mean reprojection error in pixels; NaN without points."""
+
+
+@dataclass(frozen=True)
+class PairMatch:
+    """Two pictures and how many of their matches fit one epipolar geometry."""
+
+    first: str
+    second: str
+    inliers: int
+    shift: float
+    """Median distance between matched keypoints, as a share of the longer side."""
+    parallax: float
+    """How far matches stray from the best homography: the 90th percentile of the distance, as a
+    share of the longer side. Near 0 if the camera only turns, or sees one flat surface."""
+
+    @staticmethod
+    def measure(
+        first: str,
+        second: str,
+        xy_first: Float[np.ndarray, "n 2"],
+        xy_second: Float[np.ndarray, "n 2"],
+    ) -> "PairMatch":
+        """Measure matched positions, given as shares of each picture's longer side."""
+        a, b = xy_first.astype(np.float64), xy_second.astype(np.float64)
+        shift = float(np.median(np.linalg.norm(b - a, axis=1)))
+        homography = cv2.findHomography(a, b, cv2.RANSAC, 0.002)[0] if len(a) >= 4 else None
+        if homography is None:
+            return PairMatch(first, second, len(a), shift, 0.0)
+        mapped = cv2.perspectiveTransform(a[None], homography)[0]
+        stray = np.percentile(np.linalg.norm(mapped - b, axis=1), 90)
+        return PairMatch(first, second, len(a), shift, float(stray))

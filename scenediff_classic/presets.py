@@ -1,0 +1,79 @@
+"""Named trade-offs between time and detail."""
+
+import math
+from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+from scenediff_classic.errors import InputError
+from scenediff_classic.geometry.completion import DepthCompletion
+from scenediff_classic.geometry.from_pictures import GeometryFromPictures
+from scenediff_classic.geometry.known_cameras import KnownGeometry
+from scenediff_classic.geometry.patchmatch import PatchMatchStereo
+from scenediff_classic.geometry.sfm import StructureFromMotion
+from scenediff_classic.pipeline import DetectConfig
+
+Preset = Literal["fast", "balanced", "accurate"]
+
+LONG_SIDE: dict[Preset, int] = {"fast": 320, "balanced": 512, "accurate": 768}
+"""Longer side of the pictures that stereo, regions and features work on."""
+
+
+MIN_LONG_SIDE = 64
+"""Below this, neither stereo nor regions have enough pixels to work on."""
+
+_DIVISORS = {"scoring.voxel", "threshold.bins", "objects.max_points"}
+
+
+def configured(
+    preset: Preset = "balanced",
+    *,
+    long_side: int | None = None,
+    seed: int = 0,
+    geometry: Path | None = None,
+    base: DetectConfig = DetectConfig(),  # noqa: B008 (frozen)
+) -> DetectConfig:
+    """The options of a preset.
+
+    Parameters
+    ----------
+    long_side : int, optional
+        Overrides the preset's working size, in pixels.
+    geometry : Path, optional
+        Known geometry to use instead of structure from motion and stereo.
+    base : DetectConfig
+        Options of the later stages.
+
+    Raises
+    ------
+    InputError
+        If a number is out of range.
+    """
+    side = LONG_SIDE[preset] if long_side is None else long_side
+    if side < MIN_LONG_SIDE:
+        raise InputError(f"The long side must be at least {MIN_LONG_SIDE} pixels, not {side}.")
+    if not 0 <= seed < 2**31:
+        raise InputError(f"The seed must be from 0 to {2**31 - 1}, not {seed}.")
+    _check_numbers(base, "")
+    if geometry is not None:
+        return replace(base, geometry=KnownGeometry(geometry, long_side=side))
+    stereo = PatchMatchStereo(seed=seed, sources=4 if preset == "fast" else 5)
+    if preset == "accurate":
+        stereo = replace(stereo, sources=7, sweeps=(6, 5, 3))
+    sfm = StructureFromMotion(long_side=side, seed=seed)
+    completion = DepthCompletion(seed=seed)
+    return replace(base, geometry=GeometryFromPictures(sfm, stereo, completion))
+
+
+def _check_numbers(options: Any, prefix: str) -> None:
+    """Refuse values without any meaning: not finite, of the wrong sign, or zero as a divisor."""
+    for item in fields(options):
+        name, value = f"{prefix}{item.name}", getattr(options, item.name)
+        if is_dataclass(value):
+            _check_numbers(value, f"{name}.")
+        elif isinstance(value, (int, float)):
+            signed = isinstance(item.default, float) and item.default < 0
+            if not math.isfinite(value) or (value < 0 and not signed):
+                raise InputError(f"{name} must be a finite number of at least 0, not {value}.")
+            if value == 0 and name in _DIVISORS:
+                raise InputError(f"{name} must be above 0.")

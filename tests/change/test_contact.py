@@ -1,0 +1,48 @@
+"""Joining regions that touch without a depth step, judged over all views."""
+
+import numpy as np
+
+from scenediff_classic.change.contact import Border, Part, borders, joined
+
+LABELS = np.array([[0, 0, 1, 1], [0, 0, 1, 1], [2, 2, 2, -1]], np.int32)
+
+
+def test_border_lengths_and_steps():
+    depth = np.array([[1, 1, 1, 1], [1, 1, 1.5, 1], [1, 1, 1, np.nan]], np.float32)
+    found = borders(LABELS, depth, 0.02)
+    assert found == {
+        (0, 1): Border(smooth=1, stepped=1),
+        (0, 2): Border(smooth=2, stepped=0),
+        (1, 2): Border(smooth=0, stepped=1),
+    }
+
+
+def test_unknown_depth_does_not_join():
+    found = borders(LABELS, np.full((3, 4), np.nan, np.float32), 0.02)
+    assert all(border.smooth == 0 for border in found.values())
+
+
+def parts(*groups: int) -> list[Part]:
+    """Group k is label k in every view; all of area 100."""
+    return [Part(group, view, group, 100.0) for view in (0, 1) for group in groups]
+
+
+def test_parts_that_touch_smoothly_everywhere_are_one():
+    seen = {0: {(0, 1): Border(20, 0)}, 1: {(0, 1): Border(15, 2)}}
+    assert joined(parts(0, 1, 2), seen, 0.7, 0.2) == [{0, 1}, {2}]
+
+
+def test_a_step_in_another_view_keeps_things_apart():
+    seen = {0: {(0, 1): Border(20, 0)}, 1: {(0, 1): Border(0, 30)}}
+    assert joined(parts(0, 1), seen, 0.7, 0.2) == [{0}, {1}]
+
+
+def test_a_short_contact_is_not_enough():
+    seen = {0: {(0, 1): Border(1, 0)}, 1: {}}
+    assert joined(parts(0, 1), seen, 0.7, 0.2) == [{0}, {1}]
+
+
+def test_joining_is_transitive_and_can_be_turned_off():
+    seen = {0: {(0, 1): Border(20, 0), (1, 2): Border(20, 0)}, 1: {}}
+    assert joined(parts(0, 1, 2), seen, 0.7, 0.2) == [{0, 1, 2}]
+    assert joined(parts(0, 1, 2), seen, 1.01, 0.2) == [{0}, {1}, {2}]

@@ -1,0 +1,160 @@
+"""The whole method on the analytic card scene: what changed, and what must not matter."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from scenediff_classic.change.scale import rescaled
+from scenediff_classic.errors import AlignmentError
+from scenediff_classic.masks import decode
+from scenediff_classic.types import SparsePoints
+from tests.change.running import detect, masks_of, summary
+from tests.plane_scene import BOOK, BOOK_ELSEWHERE, CLOCK, VASE, render, scene
+
+
+@pytest.fixture(scope="module")
+def changed():
+    """Vase removed, clock added, book moved."""
+    return scene([VASE, BOOK], [BOOK_ELSEWHERE, CLOCK])
+
+
+@pytest.fixture(scope="module")
+def found(changed):
+    return detect(changed)[0]
+
+
+def strong(result, least: float = 0.3):
+    return [o for o in result.objects if o.confidence > least]
+
+
+def test_finds_what_was_added_removed_and_moved(found):
+    kinds = sorted((o.kind, len(o.views)) for o in strong(found))
+    assert kinds == [("added", 3), ("moved", 6), ("removed", 3)]
+
+
+def test_masks_cover_the_changed_cards(changed, found):
+    depth_of = {"before": [VASE.z, BOOK.z], "after": [BOOK_ELSEWHERE.z, CLOCK.z]}
+    union = masks_of(found)
+    for view in changed.views:
+        plane = view.depth + view.cam_from_world[2, 3] * -1
+        truth = np.any([np.abs(plane - z) < 1e-3 for z in depth_of[view.video]], axis=0)
+        mask = union[view.key]
+        iou = (mask & truth).sum() / (mask | truth).sum()
+        assert iou > 0.8, view.key
+
+
+def test_positions_are_in_the_world_of_the_geometry(found):
+    removed = next(o for o in strong(found) if o.kind == "removed")
+    expected = VASE.x + VASE.width / 2, VASE.y + VASE.height / 2, VASE.z
+    assert removed.centroid_before == pytest.approx(expected, abs=0.03)
+    assert removed.centroid_after is None
+    assert removed.extent_before == pytest.approx(
+        (0.9 * VASE.width, 0.9 * VASE.height, 0), abs=0.03
+    )
+    moved = next(o for o in strong(found) if o.kind == "moved")
+    travelled = np.subtract(moved.centroid_after, moved.centroid_before)
+    assert travelled == pytest.approx(
+        [BOOK_ELSEWHERE.x - BOOK.x, BOOK_ELSEWHERE.y - BOOK.y, 0], abs=0.05
+    )
+
+
+def test_identical_captures_give_no_changes():
+    result, _ = detect(scene([VASE, BOOK], [VASE, BOOK]))
+    assert result.objects == ()
+    assert result.threshold is None
+
+
+def test_world_scale_changes_nothing(changed, found):
+    big = rescaled(changed, 0.1)
+    result, _ = detect(replace(big, unit=1.0))
+    assert summary(result) == summary(found)
+    assert result.scale == pytest.approx(10 * found.scale, rel=1e-4)
+    for key, mask in masks_of(found).items():
+        assert np.array_equal(mask, masks_of(result)[key])
+
+
+def test_swapping_the_captures_swaps_added_and_removed(found):
+    other = detect(scene([BOOK_ELSEWHERE, CLOCK], [VASE, BOOK]))[0]
+    kinds = sorted(o.kind for o in strong(other))
+    assert kinds == sorted(o.kind for o in strong(found))  # one of each kind
+    # the two trajectories stay, so pictures differ; places must agree
+    removed = next(o for o in strong(other) if o.kind == "removed")
+    added = next(o for o in strong(found) if o.kind == "added")
+    assert removed.centroid_before == pytest.approx(added.centroid_after, abs=0.05)
+
+
+def test_relabelling_the_captures_mirrors_the_result_exactly(changed, found):
+    other = {"before": "after", "after": "before"}
+    views = tuple(replace(v, video=other[v.video]) for v in changed.views)
+    result, _ = detect(replace(changed, views=views[3:] + views[:3]))
+    mirrored = {"added": "removed", "removed": "added", "moved": "moved"}
+    assert summary(result) == sorted((mirrored[o.kind], len(o.views)) for o in found.objects)
+    masks = masks_of(result)
+    for (video, index), mask in masks_of(found).items():
+        assert np.array_equal(mask, masks[other[video], index])
+
+
+def test_order_of_frames_does_not_matter(changed, found):
+    order = [2, 0, 1, 5, 4, 3]
+    result, _ = detect(replace(changed, views=tuple(changed.views[k] for k in order)))
+    assert summary(result) == summary(found)
+    masks = masks_of(result)
+    for key, mask in masks_of(found).items():
+        assert np.array_equal(mask, masks[key])
+
+
+def test_two_single_pictures(changed):
+    views = (changed.views[1], changed.views[4])
+    result, _ = detect(replace(changed, views=views))
+    kinds = sorted(o.kind for o in strong(result))
+    assert kinds == ["added", "moved", "removed"]
+    for item in result.objects:
+        per_video = [v.video for v in item.views]
+        assert len(per_video) == len(set(per_video))
+
+
+def test_dynamic_content_is_ignored(changed):
+    def hide(view):
+        plane = view.depth - view.cam_from_world[2, 3]
+        return replace(view, ignore=np.abs(plane - VASE.z) < 1e-3)
+
+    views = tuple(hide(v) if v.video == "before" else v for v in changed.views)
+    result, _ = detect(replace(changed, views=views))
+    assert sorted(o.kind for o in strong(result)) == ["added", "moved"]
+
+
+def test_occluded_is_not_removed():
+    # a screen stands before the vase in the after capture: the vase cannot be said to be gone
+    screen = replace(VASE, x=VASE.x - 0.3, y=VASE.y - 0.3, z=1.6, width=0.9, height=0.9, seed=40)
+    result, _ = detect(scene([VASE], [VASE, screen]))
+    assert [o.kind for o in strong(result)] == ["added"]
+    centroid = strong(result)[0].centroid_after
+    assert centroid[2] == pytest.approx(screen.z, abs=0.02)
+
+
+def test_guessed_depth_is_no_evidence(changed):
+    guessed = tuple(replace(v, measured=v.measured & (v.video == "before")) for v in changed.views)
+    _, evidence = detect(replace(changed, views=guessed))
+    for maps in evidence.scores:
+        assert np.nanmax(np.abs(maps.geometry)) == 0
+
+
+def test_no_depth_at_all_is_one_clear_sentence(changed):
+    blind = tuple(replace(v, measured=np.zeros(v.shape, bool)) for v in changed.views)
+    with pytest.raises(AlignmentError, match="No depth could be measured"):
+        detect(replace(changed, views=blind))
+
+
+def test_masks_have_the_input_size():
+    from scenediff_classic.types import Geometry, Lens
+
+    geometry = scene([VASE], [])
+    views = []
+    for view in geometry.views:
+        intrinsics = np.diag([2.0, 2.0, 1.0]) @ view.intrinsics
+        views.append(replace(view, lens=Lens(240, 180, intrinsics, np.zeros(4))))
+    result, _ = detect(Geometry(tuple(views), SparsePoints.none()))
+    assert result.objects
+    assert decode(result.objects[0].views[0].mask).shape == (180, 240)
+    assert render([], "before", 0, (0, 0, 0)).shape == (90, 120)

@@ -1,0 +1,138 @@
+"""The compiled kernels against their NumPy twins, on small random inputs."""
+
+import numpy as np
+import pytest
+
+from scenediff_classic.geometry import kernels, kernels_reference, smoothing
+from scenediff_classic.geometry.patchmatch import OFFSETS
+from scenediff_classic.geometry.pyramid import Pictures
+
+RULES = kernels.Rules(
+    radius=3, stride=2, best=2, sharpness=np.float32(20.0), nearness=np.float32(0.05),
+    w_min=np.float32(0.2), w_max=np.float32(1.0), min_cosine=np.float32(0.1),
+    parallax=np.float32(0.05),
+)  # fmt: skip
+
+
+def random_pictures(seed: int, *, height: int = 14, width: int = 17) -> Pictures:
+    """Three sources of different sizes, moderate rotations, one ignored pixel in each picture."""
+    rng = np.random.default_rng(seed)
+    sizes = np.array([[14, 17], [12, 19], [15, 15]], np.int32)
+    sources = rng.uniform(0, 1, (3, 16, 20)).astype(np.float32)
+    reference = rng.uniform(0, 1, (height, width)).astype(np.float32)
+    reference[3, 4] = np.nan
+    sources[0, 7, 7] = np.nan
+    reference[9:, 10:] = 0.5  # a textureless corner
+    warps = np.concatenate([np.eye(3), np.zeros((3, 1))], axis=1)[None].repeat(3, 0)
+    warps[:, :, :3] += rng.normal(0, [[0.02, 0.02, 0.5], [0.02, 0.02, 0.5], [1e-3, 1e-3, 0.02]],
+                                  (3, 3, 3))  # fmt: skip
+    warps[:, :2, 3] = rng.normal(0, 6, (3, 2))
+    warps[:, 2, 3] = rng.normal(0, 0.2, 3)
+    camera = np.array([15.0, 16.0, width / 2, height / 2], np.float32)
+    return Pictures(reference, sources, sizes, warps.astype(np.float32), camera)
+
+
+def random_planes(seed: int, shape: tuple[int, int]) -> np.ndarray:
+    rng = np.random.default_rng([seed, 1])
+    planes = np.stack([rng.uniform(0.2, 1.0, shape), *rng.normal(0, 0.01, (2, *shape))], -1)
+    return planes.astype(np.float32)
+
+
+def test_random_numbers_equal_the_twin_and_are_even() -> None:
+    arguments = [(s, p, d) for s in (0, 7, 2**31 - 1) for p in (0, 1, 999_999) for d in range(9)]
+    fast = [float(kernels.random_unit(*a)) for a in arguments]
+    assert fast == [kernels_reference.random_unit(*a) for a in arguments]
+    many = np.array([kernels_reference.random_unit(3, p, 2) for p in range(4000)])
+    counts = np.histogram(many, bins=10, range=(0, 1))[0]
+    assert np.abs(counts - 400).max() < 5 * 20  # 5 standard deviations of a binomial
+    assert abs(np.corrcoef(many[:-1], many[1:])[0, 1]) < 0.06
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_cost_of_planes_equals_the_twin(seed: int) -> None:
+    pictures = random_pictures(seed)
+    planes = random_planes(seed, pictures.reference.shape)
+    fast = np.empty(pictures.reference.shape, np.float32)
+    plain = np.empty_like(fast)
+    kernels.score_planes(pictures, RULES, planes, fast)
+    kernels_reference.score_planes(pictures, RULES, planes, plain)
+    np.testing.assert_allclose(fast, plain, atol=2e-4)
+    assert 0.2 < np.mean(plain < kernels.UNSEEN) < 1.0  # both kinds occur
+
+
+@pytest.mark.parametrize(("seed", "colour", "explore"), [(0, 0, 1), (1, 1, 0), (2, 0, 2)])
+def test_sweep_equals_the_twin(seed: int, colour: int, explore: int) -> None:
+    pictures = random_pictures(seed)
+    planes = random_planes(seed, pictures.reference.shape)
+    costs = np.empty(pictures.reference.shape, np.float32)
+    kernels_reference.score_planes(pictures, RULES, planes, costs)
+    results = []
+    for module in (kernels, kernels_reference):
+        state = planes.copy(), costs.copy()
+        module.sweep(pictures, RULES, *state, OFFSETS, colour, np.float32(2.0), explore, 11 + seed)
+        results.append(state)
+    (fast_planes, fast_costs), (plain_planes, plain_costs) = results
+    # Rounding may decide a near tie between two planes the other way: in few pixels, at no cost.
+    same = np.isclose(fast_planes, plain_planes, rtol=1e-4, atol=1e-5).all(axis=-1)
+    assert same.mean() > 0.97
+    np.testing.assert_allclose(fast_costs, plain_costs, atol=3e-3)
+    rows, cols = np.indices(costs.shape)
+    still = (rows + cols) % 2 != colour
+    assert np.array_equal(fast_planes[still], planes[still])  # the other colour is only read
+    assert np.all(fast_costs <= costs + 1e-4)
+    assert np.mean(fast_costs < costs - 0.01) > 0.2
+
+
+def test_smoothing_equals_the_twin() -> None:
+    pictures = random_pictures(5)
+    planes = random_planes(5, pictures.reference.shape)
+    costs = np.random.default_rng(5).uniform(0, 1, pictures.reference.shape).astype(np.float32)
+    costs[:, :3] = 1.0  # worthless: does not count
+    fast, plain = np.empty_like(planes), np.empty_like(planes)
+    for module, out in ((smoothing, fast), (kernels_reference, plain)):
+        module.smooth_planes(pictures.reference, planes, costs, 3, 3, np.float32(10.0), out)
+    np.testing.assert_allclose(fast, plain, rtol=1e-5, atol=1e-6)
+    assert np.mean(fast != planes) > 0.5
+
+
+def test_smoothing_keeps_planes_and_steps_and_drops_outliers() -> None:
+    """Planes that meet at a grey-value edge stay exact; a wrong pixel takes its side's plane."""
+    rows, cols = np.mgrid[0:20, 0:20].astype(np.float32)
+    left = cols < 10
+    planes = np.stack(
+        [np.where(left, 1 + 0.02 * cols, 2 - 0.01 * rows),
+         np.where(left, 0.02, 0.0), np.where(left, 0.0, -0.01)], axis=-1,
+    ).astype(np.float32)  # fmt: skip
+    truth = planes.copy()
+    planes[10, 8] = 5.0, 0.3, 0.3
+    grey = np.where(left, 0.2, 0.8).astype(np.float32)
+    smoothed = np.empty_like(planes)
+    costs = np.full((20, 20), 0.1, np.float32)
+    smoothing.smooth_planes(grey, planes, costs, 6, 3, np.float32(100.0), smoothed)
+    np.testing.assert_allclose(smoothed, truth, rtol=1e-5)
+
+
+def test_offsets_lead_to_the_other_colour() -> None:
+    assert np.all(np.abs(OFFSETS).sum(axis=-1) % 2 == 1)
+    assert len(np.unique(OFFSETS[:, 0], axis=0)) == 8
+
+
+def test_cost_of_a_pure_shift_by_hand() -> None:
+    """Source = reference moved right by 3 pixels: the plane with that parallax costs nothing."""
+    rng = np.random.default_rng(0)
+    texture = rng.uniform(0, 1, (20, 30)).astype(np.float32)
+    reference, source = texture[:, 3:27], texture[:, :24]
+    warp = np.array([[[1, 0, 0, 6.0], [0, 1, 0, 0], [0, 0, 1, 0]]], np.float32)
+    pictures = Pictures(
+        np.ascontiguousarray(reference), np.ascontiguousarray(source[None]),
+        np.array([[20, 24]], np.int32), warp, np.array([20, 20, 12, 10], np.float32),
+    )  # fmt: skip
+    planes = np.zeros((20, 24, 3), np.float32)
+    planes[..., 0] = 0.5  # times b = 6: three pixels
+    costs = np.empty((20, 24), np.float32)
+    kernels.score_planes(pictures, RULES, planes, costs)
+    assert np.abs(costs[3:-3, 3:-6]).max() < 1e-4
+    assert np.all(costs[:, -3:] == kernels.UNSEEN)  # the source ends there
+    planes[..., 0] = 0.7
+    kernels.score_planes(pictures, RULES, planes, costs)
+    assert costs[3:-3, 3:-6].mean() > 0.5
