@@ -74,6 +74,7 @@ class SyntheticBenchmark:
                 before, after, config, workspace=workspace, progress=progress
             ),
             config,
+            uses=() if truth is None else (truth,),
             overwrite=self.overwrite,
             command=tuple(sys.argv),
         )

@@ -44,6 +44,7 @@ class Sensor:
 
 def tone(light: np.ndarray) -> np.ndarray:
     """Linear light to display values: the sRGB curve with a soft shoulder above 0.7."""
-    soft = np.where(light > 0.7, 0.7 + 0.3 * (1 - 1 / (1 + (light - 0.7) / 0.3)), light)
+    above = np.maximum(light - 0.7, 0)  # apart from where(), both of whose branches are computed
+    soft = np.where(light > 0.7, 0.7 + 0.3 * (1 - 1 / (1 + above / 0.3)), light)
     soft = np.clip(soft, 0, 1)
     return np.where(soft <= 0.0031308, 12.92 * soft, 1.055 * soft ** (1 / 2.4) - 0.055)
