@@ -150,7 +150,8 @@ class StructureFromMotion:
             models = database.reconstruct(
                 files.folder / rung.name,
                 rung.mapper,
-                lambda n: progress("camera poses", n, len(frames)),
+                # a mapper that starts anew counts on: never show more frames than there are
+                lambda n: progress("camera poses", min(n, len(frames)), len(frames)),
             )
             usable = usable_frames(database.feature_counts())
             found = [(judge(read_model(folder), usable), folder) for folder in models]
@@ -186,6 +187,7 @@ class StructureFromMotion:
         for start in range(0, len(pairs), 200):
             progress("matching", start, len(pairs))
             database.match(pairs[start : start + 200], recipe)
+        progress("matching", len(pairs), len(pairs))
         os.replace(path, final)
         return Database(final, files.images, pictures, self.seed)
 
