@@ -206,8 +206,8 @@ def _progress() -> Iterator[Progress]:
 
         def report(stage: str, done: int, total: int) -> None:
             if stage not in tasks:
-                for earlier in tasks.values():
-                    bars.stop_task(earlier)
+                if tasks:  # stages follow each other: only the latest is still running
+                    bars.stop_task(list(tasks.values())[-1])
                 tasks[stage] = bars.add_task(stage, total=total or None)
             bars.update(tasks[stage], completed=done, total=total or None)
 
