@@ -73,7 +73,7 @@ def compare_cameras(
 
 def read_true_cameras(
     path: Path, before: Capture, after: Capture
-) -> dict[tuple[str, int], Float64[np.ndarray, "4 4"]]:
+) -> dict[tuple[Video, int], Float64[np.ndarray, "4 4"]]:
     """Known cam_from_world by (capture, frame index); frames that the file lacks are left out.
 
     Parameters
@@ -164,7 +164,7 @@ class RegistrationBenchmark:
 
 
 def _figures(
-    found: Mapping[tuple[str, int], np.ndarray], true: Mapping[tuple[str, int], np.ndarray]
+    found: Mapping[tuple[Video, int], np.ndarray], true: Mapping[tuple[Video, int], np.ndarray]
 ) -> dict[str, str]:
     errors = compare_cameras(
         np.stack([found[key] for key in found]) if found else np.zeros((0, 4, 4)),
