@@ -100,8 +100,7 @@ def read_true_cameras(
         known = {name: _cam_from_world(numbers) for name, numbers in rows.items()}
     except (OSError, ValueError, KeyError, EOFError) as error:
         raise InputError(f"{path} does not hold cameras in a known layout.") from error
-    names = ((f.video, f.index, _row_name(f)) for f in frames)
-    return {(video, index): known[name] for video, index, name in names if name in known}
+    return {(f.video, f.index): known[_row_name(f)] for f in frames if _row_name(f) in known}
 
 
 def _row_name(frame: Frame) -> str:
