@@ -13,6 +13,10 @@ from scenediff_classic.types import VIDEOS, SparsePoints, Video
 
 MIN_BRIDGE = 12
 """Points seen by both captures without which they do not count as aligned."""
+MIN_OVERLAP = 0.1
+"""Some frame of each capture must share this much of its points with the other capture. Lenient
+matching finds a few dozen repeated patterns between different rooms, one point in a hundred of
+what the frames see (0.01 to 0.04 measured); captures of one place share more than 0.6."""
 FEW_BRIDGE = 50
 """Below this many such points, the user is warned."""
 MIN_ANGLE = 1.0
@@ -46,6 +50,9 @@ class Quality:
     points: int
     bridge: int
     """Points seen from both captures."""
+    overlap: float
+    """Share of its points that a frame has in common with the other capture: that of the best
+    frame, in the capture where it is smaller."""
     error: float
     angle: float
     """Median over points of the largest angle between two of their rays, in degrees."""
@@ -56,7 +63,8 @@ class Quality:
     def aligned(self) -> bool:
         """True if both captures are in one sound model."""
         enough = self.sane and self.angle >= MIN_ANGLE
-        return enough and min(self.registered.values()) > 0 and self.bridge >= MIN_BRIDGE
+        joined = self.bridge >= MIN_BRIDGE and self.overlap >= MIN_OVERLAP
+        return enough and min(self.registered.values()) > 0 and joined
 
     @property
     def complete(self) -> bool:
@@ -74,7 +82,8 @@ class Quality:
         counts = ", ".join(f"{v} {self.registered[v]} of {self.total[v]}" for v in VIDEOS)
         oddity = "" if self.sane else ", implausible cameras"
         return (
-            f"{counts} frames registered, {self.points} points ({self.bridge} seen by both), "
+            f"{counts} frames registered, {self.points} points ({self.bridge} seen by both, "
+            f"{self.overlap:.0%} of the best frame's), "
             f"reprojection error {self.error:.2f} px, ray angle {self.angle:.1f} degrees{oddity}"
         )
 
@@ -100,13 +109,18 @@ def judge(model: SparseModel, total: Mapping[Video, int]) -> Quality:
     point, picture = model.points.observations.T
     seen = np.zeros((len(model.points.xyz), 2), bool)
     seen[point, after[picture].astype(int)] = True
+    bridging = seen.all(axis=1)
+    shared = np.bincount(picture[bridging[point]], minlength=len(after)) / np.maximum(
+        support(model), 1
+    )
     focal = [p.lens.intrinsics[0, 0] / max(p.lens.width, p.lens.height) for p in model.pictures]
     plausible = all(FOCAL_RANGE[0] <= f <= FOCAL_RANGE[1] for f in focal)
     return Quality(
         registered={v: registered[v] for v in VIDEOS},
         total=dict(total),
         points=len(model.points.xyz),
-        bridge=int(seen.all(axis=1).sum()),
+        bridge=int(bridging.sum()),
+        overlap=min(float(shared[carried & (after == side)].max(initial=0)) for side in (0, 1)),
         error=model.error,
         angle=ray_angle([camera_centre(p.cam_from_world) for p in model.pictures], model.points),
         sane=plausible and model.error <= MAX_ERROR,

@@ -23,6 +23,7 @@ GOOD = Quality(
     total={"before": 5, "after": 5},
     points=500,
     bridge=200,
+    overlap=0.7,
     error=0.5,
     angle=15.0,
     sane=True,
@@ -76,6 +77,21 @@ def test_judge_counts_frames_and_bridging_points() -> None:
     assert "before 2 of 2, after 1 of 2" in str(quality)
 
 
+def test_overlap_is_that_of_the_best_frame_in_the_poorer_capture() -> None:
+    """Twelve points bridge; 28 more are the after camera's own, 8 more the second before's."""
+    lone = [[3 + FILLER + n, 0] for n in range(28)] + [[43 + n, 2] for n in range(8)]
+    filler = [[3 + n, camera] for n in range(FILLER) for camera in (0, 2)]
+    full = model()
+    points = SparsePoints(
+        np.array([[0.0, 0, 1]] * 51), np.zeros((51, 3), np.uint8), np.array(filler + lone)
+    )
+    quality = judge(replace(full, points=points), {"before": 2, "after": 1})
+    assert quality.bridge == FILLER
+    assert quality.overlap == pytest.approx(12 / 40)  # before: 12 / 20
+    alone = replace(points, observations=np.array(lone))
+    assert judge(replace(full, points=alone), {"before": 2, "after": 1}).overlap == 0
+
+
 @pytest.mark.parametrize(("focal", "error"), [(10.0, 0.5), (900.0, 0.5), (120.0, 5.0)])
 def test_odd_lens_or_large_error_is_not_sane(focal: float, error: float) -> None:
     assert not judge(model(focal, error), {"before": 2, "after": 1}).sane
@@ -85,7 +101,8 @@ def test_what_counts_as_aligned_and_complete() -> None:
     assert GOOD.aligned
     assert GOOD.complete
     for change in (
-        {"sane": False}, {"angle": 0.5}, {"bridge": 5}, {"registered": {"before": 5, "after": 0}},
+        {"sane": False}, {"angle": 0.5}, {"bridge": 5}, {"overlap": 0.04},
+        {"registered": {"before": 5, "after": 0}},
     ):  # fmt: skip
         assert not replace(GOOD, **change).aligned
     for change in ({"bridge": 20}, {"registered": {"before": 5, "after": 4}}):
