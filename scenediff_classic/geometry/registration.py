@@ -109,7 +109,7 @@ def judge(model: SparseModel, total: Mapping[Video, int]) -> Quality:
     point, picture = model.points.observations.T
     seen = np.zeros((len(model.points.xyz), 2), bool)
     seen[point, after[picture].astype(int)] = True
-    bridging = seen.all(axis=1)
+    bridging = seen[:, 0] & seen[:, 1]
     shared = np.bincount(picture[bridging[point]], minlength=len(after)) / np.maximum(
         support(model), 1
     )
