@@ -1,6 +1,7 @@
 """The command line: arguments, progress bars, exit codes; nothing else lives here."""
 
 import logging
+import os
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -171,11 +172,11 @@ def main() -> None:
     logging.basicConfig(
         level=logging.WARNING, format="%(message)s", handlers=[RichHandler(console=_err)]
     )
-    command = tyro.extras.subcommand_cli_from_dict(
-        {"detect": Detect, "evaluate": Evaluate, "export": Export},
-        description="Object-level change detection between two captures of a scene.",
-    )
     try:
+        command = tyro.extras.subcommand_cli_from_dict(
+            {"detect": Detect, "evaluate": Evaluate, "export": Export},
+            description="Object-level change detection between two captures of a scene.",
+        )
         command()
     except SceneDiffError as error:
         _err.print(f"[red]Error:[/red] {_shown(error)}", soft_wrap=True, highlight=False)
@@ -183,6 +184,9 @@ def main() -> None:
     except KeyboardInterrupt:
         _err.print("Interrupted. The same call continues where this one stopped.")
         sys.exit(130)
+    except BrokenPipeError:  # whoever read our output has seen enough, as in `--help | head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the exit flushes it again
+        sys.exit(1)
 
 
 def _print_notes(notes: Iterable[str]) -> None:

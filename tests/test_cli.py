@@ -339,3 +339,14 @@ def test_numba_is_told_to_use_openmp_before_it_is_loaded() -> None:
         capture_output=True, text=True, timeout=120, check=True,
     )  # fmt: skip
     assert json.loads(done.stdout) == ["omp", "workqueue", "tbb"]
+
+
+def test_a_reader_that_stops_early_gets_no_traceback() -> None:
+    read, write = os.pipe()
+    os.close(read)  # so that the first write finds a broken pipe
+    command = [sys.executable, "-m", "scenediff_classic.cli", "detect", "--help"]
+    try:
+        done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True, check=False)
+    finally:
+        os.close(write)
+    assert (done.returncode, done.stderr) == (1, "")
