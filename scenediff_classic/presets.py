@@ -9,8 +9,9 @@ from scenediff_classic.errors import InputError
 from scenediff_classic.geometry.completion import DepthCompletion
 from scenediff_classic.geometry.from_pictures import GeometryFromPictures
 from scenediff_classic.geometry.known_cameras import KnownGeometry
-from scenediff_classic.geometry.patchmatch import PatchMatchStereo
+from scenediff_classic.geometry.patchmatch import PatchMatch
 from scenediff_classic.geometry.sfm import StructureFromMotion
+from scenediff_classic.geometry.stereo import MultiViewStereo
 from scenediff_classic.pipeline import DetectConfig
 
 Preset = Literal["fast", "balanced", "accurate"]
@@ -57,9 +58,10 @@ def configured(
     _check_numbers(base, "")
     if geometry is not None:
         return replace(base, geometry=KnownGeometry(geometry, long_side=side))
-    stereo = PatchMatchStereo(seed=seed, sources=4 if preset == "fast" else 5)
+    stereo = MultiViewStereo(PatchMatch(seed=seed), sources=4 if preset == "fast" else 6)
     if preset == "accurate":
-        stereo = replace(stereo, sources=7, sweeps=(6, 5, 3))
+        thorough = PatchMatch(seed=seed, sweeps=(6, 4, 3, 2))
+        stereo = MultiViewStereo(thorough, sources=8)
     sfm = StructureFromMotion(long_side=side, seed=seed)
     completion = DepthCompletion(seed=seed)
     return replace(base, geometry=GeometryFromPictures(sfm, stereo, completion))

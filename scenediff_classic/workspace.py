@@ -65,10 +65,11 @@ def write_atomic(path: Path, content: bytes | str) -> None:
         file.write(content)
 
 
-def save_npz(path: Path, **arrays: np.ndarray) -> None:
-    """Write arrays as a compressed ``.npz``, whole or not at all; see `replacing`."""
+def save_npz(path: Path, *, compress: bool = True, **arrays: np.ndarray) -> None:
+    """Write arrays as an ``.npz``, whole or not at all; see `replacing`."""
+    write = np.savez_compressed if compress else np.savez
     with replacing(path) as file:
-        np.savez_compressed(file, **cast(dict[str, Any], arrays))
+        write(file, **cast(dict[str, Any], arrays))
 
 
 def load_npz(path: Path) -> dict[str, np.ndarray] | None:

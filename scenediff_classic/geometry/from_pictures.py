@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from scenediff_classic.geometry.completion import DepthCompletion
-from scenediff_classic.geometry.patchmatch import PatchMatchStereo
 from scenediff_classic.geometry.sfm import StructureFromMotion
+from scenediff_classic.geometry.stereo import MultiViewStereo
 from scenediff_classic.protocols import Progress, silent
 from scenediff_classic.types import Capture, Geometry
 
@@ -15,7 +15,7 @@ class GeometryFromPictures:
     """Joint structure from motion over both captures, multi-view stereo within each."""
 
     registration: StructureFromMotion = field(default_factory=StructureFromMotion)
-    stereo: PatchMatchStereo = field(default_factory=PatchMatchStereo)
+    stereo: MultiViewStereo = field(default_factory=MultiViewStereo)
     completion: DepthCompletion | None = field(default_factory=DepthCompletion)
 
     def __call__(

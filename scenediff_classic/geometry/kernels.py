@@ -1,7 +1,7 @@
 """The inner loops of PatchMatch stereo, compiled with numba.
 
-`kernels_reference` holds the readable NumPy twin of every function here; `pyramid.Pictures` is
-what they work on.
+`kernels_reference` holds the readable NumPy twin of every function here; they work on
+`pyramid.Pictures` and `windows.Windows`.
 
 A hypothesis is a plane, written as inverse depth over the reference picture:
 ``inverse depth = w + gx * dx + gy * dy`` at ``(dx, dy)`` pixels from the pixel that owns it.
@@ -19,7 +19,7 @@ import numpy as np
 from numba import njit, prange
 
 UNSEEN = np.float32(1.0)
-"""Cost of a source that tells nothing: outside, ignored, without texture or anti-correlated."""
+"""1 - NCC of a source that tells nothing: outside, ignored, without texture, anti-correlated."""
 
 MIN_VARIANCE = np.float32(1e-5)
 """Patches below this grey-value variance (grey in 0..1) carry no texture to match."""
@@ -30,6 +30,8 @@ _TWO = np.float32(2.0)
 _ZERO = np.float32(0.0)
 _NEXT = np.uint32(1)
 _FLAGS = {"reassoc", "contract", "arcp", "nsz"}
+# The functions that judge a plane are inlined by force: a call would count references to some
+# twenty arrays, which takes longer than the matching itself.
 
 
 class Rules(NamedTuple):
@@ -37,38 +39,26 @@ class Rules(NamedTuple):
 
     radius: int
     """Half window: offsets run from -radius to radius."""
-    stride: int
-    """Distance between the samples of the window, in pixels."""
     best: int
     """A plane is judged by the mean over this many of its best sources."""
-    sharpness: np.float32
-    """1 / (2 sigma^2) of the bilateral weight's grey-value part."""
-    nearness: np.float32
-    """1 / (2 sigma^2) of the bilateral weight's distance part."""
     w_min: np.float32
     """Smallest inverse depth."""
     w_max: np.float32
     min_cosine: np.float32
     """Smallest cosine between a plane's normal and the viewing ray."""
+    cap: np.float32
+    """Largest cost that a single source contributes."""
+    consistency: np.float32
+    """Cost of a plane that a source's own depth contradicts entirely; 0 = depth is not compared."""
+    tolerance: np.float32
+    """Forward-backward error, in pixels, that counts as an entire contradiction."""
     parallax: np.float32
     """Change of inverse depth that moves a pixel by about one pixel in the sources."""
 
 
 class Work(NamedTuple):
-    """Scratch arrays over the samples of the window, and `costs` over the sources."""
+    """Scratch arrays over the sources of one pixel."""
 
-    dx: np.ndarray
-    dy: np.ndarray
-    weights: np.ndarray
-    """Bilateral weights of the reference patch, sum 1."""
-    weighted: np.ndarray
-    """Weight times grey value minus the patch's mean."""
-    fu: np.ndarray
-    """Where between two columns of the source a sample falls, 0 to 1."""
-    fv: np.ndarray
-    index: np.ndarray
-    """Flat index of the source pixel up and left of a sample."""
-    values: np.ndarray
     order: np.ndarray
     """Sources, the one that matches the current plane best first."""
     costs: np.ndarray
@@ -89,101 +79,57 @@ def random_unit(seed, pixel, draw):
 
 
 @njit(cache=True)
-def make_work(rules, sources):
+def make_work(sources):
     """Room for one pixel's evaluations; every row makes its own, so that threads share none."""
-    count = 2 * rules.radius // rules.stride + 1
-    samples = count * count
-    dx = np.empty(samples, np.float32)
-    dy = np.empty(samples, np.float32)
-    for k in range(samples):
-        dx[k] = (k % count) * rules.stride - rules.radius
-        dy[k] = (k // count) * rules.stride - rules.radius
-    return Work(
-        dx, dy,
-        np.zeros(samples, np.float32), np.zeros(samples, np.float32),
-        np.zeros(samples, np.float32), np.zeros(samples, np.float32),
-        np.zeros(samples, np.int32), np.zeros(samples, np.float32),
-        np.zeros(sources, np.int32), np.zeros(sources, np.float32),
-    )  # fmt: skip
+    return Work(np.zeros(sources, np.int32), np.zeros(sources, np.float32))
 
 
-@njit(cache=True, fastmath=_FLAGS)
-def load_patch(reference, row, col, rules, work):
-    """Bilateral weights (sum 1) and weight times centred grey value around a pixel, into `work`.
-
-    Returns the weighted variance of the patch; -1 if the pixel itself is ignored.
-    """
-    height, width = reference.shape
-    centre = reference[row, col]
-    if centre != centre:
-        return np.float32(-1.0)
-    total = _ZERO
-    mean = _ZERO
-    for k in range(work.dx.shape[0]):
-        r = min(max(row + int(work.dy[k]), 0), height - 1)
-        c = min(max(col + int(work.dx[k]), 0), width - 1)
-        value = reference[r, c] - centre
-        distance = work.dx[k] * work.dx[k] + work.dy[k] * work.dy[k]
-        weight = np.exp(-value * value * rules.sharpness - distance * rules.nearness)
-        if value != value:
-            weight, value = _ZERO, _ZERO
-        work.weights[k] = weight
-        work.weighted[k] = value
-        total += weight
-        mean += weight * value
-    mean /= total  # the centre's own neighbourhood: never 0
-    variance = _ZERO
-    for k in range(work.dx.shape[0]):
-        work.weights[k] /= total
-        centred = work.weighted[k] - mean
-        work.weighted[k] = work.weights[k] * centred
-        variance += work.weighted[k] * centred
-    return variance
-
-
-@njit(cache=True, fastmath=_FLAGS, error_model="numpy")
-def source_cost(image, height, width, warp, x, y, w, gx, gy, centre, variance, rules, work):
+@njit(forceinline=True, cache=True, fastmath=_FLAGS, error_model="numpy")
+def source_cost(
+    image, height, width, warp, x, y, w, gx, gy, centre, variance, weights, weighted, dxs, dys,
+    reach,
+):  # fmt: skip
     """1 - bilaterally weighted NCC of the patch around (x, y), under a plane, in one source.
 
     `centre` is the reference's grey value at (x, y): subtracted, it spares float32 the rounding.
+    Within the window the plane's homography is replaced by its derivative at the centre.
     """
-    u0 = warp[0, 0] * x + warp[0, 1] * y + warp[0, 2] + warp[0, 3] * w
-    v0 = warp[1, 0] * x + warp[1, 1] * y + warp[1, 2] + warp[1, 3] * w
     z0 = warp[2, 0] * x + warp[2, 1] * y + warp[2, 2] + warp[2, 3] * w
-    ux, uy = warp[0, 0] + warp[0, 3] * gx, warp[0, 1] + warp[0, 3] * gy
-    vx, vy = warp[1, 0] + warp[1, 3] * gx, warp[1, 1] + warp[1, 3] * gy
     zx, zy = warp[2, 0] + warp[2, 3] * gx, warp[2, 1] + warp[2, 3] * gy
-    if not z0 - np.float32(rules.radius) * (abs(zx) + abs(zy)) > _ZERO:
+    if not z0 - reach * (abs(zx) + abs(zy)) > _ZERO:
         return UNSEEN  # some of the patch is behind the source
+    scale = _ONE / z0
+    u0 = (warp[0, 0] * x + warp[0, 1] * y + warp[0, 2] + warp[0, 3] * w) * scale
+    v0 = (warp[1, 0] * x + warp[1, 1] * y + warp[1, 2] + warp[1, 3] * w) * scale
     limit_u, limit_v = np.float32(width), np.float32(height)
-    if not (u0 >= _ZERO and u0 < limit_u * z0 and v0 >= _ZERO and v0 < limit_v * z0):
+    if not (u0 >= _ZERO and u0 < limit_u and v0 >= _ZERO and v0 < limit_v):
         return UNSEEN
-    last_u, last_v = np.float32(width - 1), np.float32(height - 1)
+    ux = (warp[0, 0] + warp[0, 3] * gx - u0 * zx) * scale
+    uy = (warp[0, 1] + warp[0, 3] * gy - u0 * zy) * scale
+    vx = (warp[1, 0] + warp[1, 3] * gx - v0 * zx) * scale
+    vy = (warp[1, 1] + warp[1, 3] * gy - v0 * zy) * scale
+    u0 -= _HALF
+    v0 -= _HALF
+    last_u, last_v = limit_u - _ONE, limit_v - _ONE
     columns, pitch = np.int32(image.shape[1]), np.uint32(image.shape[1])
-    dxs, dys, weights, weighted, fu, fv, index, values, _, _ = work
     samples = dxs.shape[0]
-    for k in range(samples):  # three loops: the compiler can vectorise the first and the last
-        scale = _ONE / (z0 + dxs[k] * zx + dys[k] * zy)
-        u = (u0 + dxs[k] * ux + dys[k] * uy) * scale - _HALF
-        v = (v0 + dxs[k] * vx + dys[k] * vy) * scale - _HALF
+    flat = image.ravel()
+    mean, square, product = _ZERO, _ZERO, _ZERO
+    for k in range(samples):  # without any store, so that the compiler can vectorise all of it
+        u = u0 + dxs[k] * ux + dys[k] * uy
+        v = v0 + dxs[k] * vx + dys[k] * vy
         u = u if u > _ZERO else _ZERO  # a NaN becomes 0 here: no index can leave the picture
         v = v if v > _ZERO else _ZERO
         u = u if u < last_u else last_u
         v = v if v < last_v else last_v
         left, top = np.int32(u), np.int32(v)
-        fu[k] = u - np.float32(left)
-        fv[k] = v - np.float32(top)
-        index[k] = np.int32(np.int32(top * columns) + left)
-    flat = image.ravel()
-    for k in range(samples):  # unsigned: numba adds no test for negative indices
-        i = np.uint32(index[k])
+        fu = u - np.float32(left)
+        fv = v - np.float32(top)
+        i = np.uint32(np.int32(np.int32(top * columns) + left))  # unsigned: no test for below 0
         upper, lower = flat[i], flat[np.uint32(i + pitch)]
-        upper += fu[k] * (flat[np.uint32(i + _NEXT)] - upper)
-        lower += fu[k] * (flat[np.uint32(i + pitch + _NEXT)] - lower)
-        values[k] = upper + fv[k] * (lower - upper) - centre
-    mean, square, product = _ZERO, _ZERO, _ZERO
-    for k in range(samples):
-        value = values[k]
+        upper += fu * (flat[np.uint32(i + _NEXT)] - upper)
+        lower += fu * (flat[np.uint32(i + pitch + _NEXT)] - lower)
+        value = upper + fv * (lower - upper) - centre
         part = weights[k] * value
         mean += part
         square += part * value
@@ -195,42 +141,73 @@ def source_cost(image, height, width, warp, x, y, w, gx, gy, centre, variance, r
     return cost if cost < UNSEEN else UNSEEN
 
 
-@njit(cache=True, fastmath=_FLAGS)
-def rank_sources(pictures, row, col, w, gx, gy, variance, rules, work):
-    """Sort the sources by the cost of a plane in them, and judge the plane by the best few."""
+@njit(forceinline=True, cache=True, fastmath=_FLAGS, error_model="numpy")
+def disagreement(depths, height, width, warp, back, x, y, w, tolerance):
+    """Forward-backward error of a depth against a source's own one, as a share of `tolerance`."""
+    scale = _ONE / (warp[2, 0] * x + warp[2, 1] * y + warp[2, 2] + warp[2, 3] * w)
+    u = (warp[0, 0] * x + warp[0, 1] * y + warp[0, 2] + warp[0, 3] * w) * scale
+    v = (warp[1, 0] * x + warp[1, 1] * y + warp[1, 2] + warp[1, 3] * w) * scale
+    if not (u >= _ZERO and u < np.float32(width) and v >= _ZERO and v < np.float32(height)):
+        return _ONE
+    there = depths[np.int32(v), np.int32(u)]
+    if not there > _ZERO:
+        return _ONE
+    scale = _ONE / (back[2, 0] * u + back[2, 1] * v + back[2, 2] + back[2, 3] * there)
+    dx = (back[0, 0] * u + back[0, 1] * v + back[0, 2] + back[0, 3] * there) * scale - x
+    dy = (back[1, 0] * u + back[1, 1] * v + back[1, 2] + back[1, 3] * there) * scale - y
+    error = np.sqrt(dx * dx + dy * dy) / tolerance
+    return error if error < _ONE else _ONE
+
+
+@njit(forceinline=True, cache=True, fastmath=_FLAGS)
+def cost_in(source, pictures, windows, rules, row, col, w, gx, gy):
+    """Cost of a plane in one source: how unlike it looks there, and what its depth there says."""
     x, y = np.float32(col) + _HALF, np.float32(row) + _HALF
+    cost = rules.cap
+    if windows.variance[row, col] > MIN_VARIANCE:
+        unlikeness = source_cost(
+            pictures.sources[source], pictures.sizes[source, 0], pictures.sizes[source, 1],
+            pictures.warps[source], x, y, w, gx, gy, pictures.reference[row, col],
+            windows.variance[row, col], windows.weights[row, col], windows.weighted[row, col],
+            windows.dx, windows.dy, np.float32(rules.radius),
+        )  # fmt: skip
+        cost = min(unlikeness, rules.cap)
+    if rules.consistency > _ZERO:
+        cost += rules.consistency * disagreement(
+            pictures.depths[source], pictures.sizes[source, 0], pictures.sizes[source, 1],
+            pictures.warps[source], pictures.returns[source], x, y, w, rules.tolerance,
+        )  # fmt: skip
+    return cost
+
+
+@njit(forceinline=True, cache=True, fastmath=_FLAGS)
+def rank_sources(pictures, windows, rules, row, col, w, gx, gy, work):
+    """Sort the sources by the cost of a plane in them, and judge the plane by the best few."""
     count = pictures.sources.shape[0]
-    for s in range(count):
-        cost = UNSEEN
-        if variance > MIN_VARIANCE:
-            cost = source_cost(
-                pictures.sources[s], pictures.sizes[s, 0], pictures.sizes[s, 1], pictures.warps[s],
-                x, y, w, gx, gy, pictures.reference[row, col], variance, rules, work,
-            )  # fmt: skip
-        k = s
+    for source in range(count):
+        cost = cost_in(source, pictures, windows, rules, row, col, w, gx, gy)
+        k = source
         while k > 0 and work.costs[k - 1] > cost:
             work.costs[k], work.order[k] = work.costs[k - 1], work.order[k - 1]
             k -= 1
-        work.costs[k], work.order[k] = cost, s
+        work.costs[k], work.order[k] = cost, source
     kept = min(rules.best, count)
-    return np.mean(work.costs[:kept])
+    total = _ZERO
+    for k in range(kept):
+        total += work.costs[k]
+    return total / np.float32(kept)
 
 
-@njit(cache=True, fastmath=_FLAGS)
-def plane_cost(pictures, row, col, w, gx, gy, variance, bound, rules, work):
+@njit(forceinline=True, cache=True, fastmath=_FLAGS)
+def plane_cost(pictures, windows, rules, row, col, w, gx, gy, bound, work):
     """Mean cost of a plane over the best sources of `rank_sources`.
 
     Stops early, with a value of at least `bound`, once it cannot be lower than that.
     """
-    x, y = np.float32(col) + _HALF, np.float32(row) + _HALF
     kept = min(rules.best, pictures.sources.shape[0])
     total = _ZERO
-    for i in range(kept):
-        s = work.order[i]
-        total += source_cost(
-            pictures.sources[s], pictures.sizes[s, 0], pictures.sizes[s, 1], pictures.warps[s],
-            x, y, w, gx, gy, pictures.reference[row, col], variance, rules, work,
-        )  # fmt: skip
+    for k in range(kept):
+        total += cost_in(work.order[k], pictures, windows, rules, row, col, w, gx, gy)
         if total >= bound * np.float32(kept):
             break
     return total / np.float32(kept)
@@ -249,21 +226,22 @@ def allowed(camera, x, y, w, gx, gy, rules):
 
 
 @njit(parallel=True, cache=True, fastmath=_FLAGS)
-def score_planes(pictures, rules, planes, costs):
+def score_planes(pictures, windows, rules, planes, costs):
     """Fill `costs` (h, w) with the cost of every pixel's own plane in `planes` (h, w, 3)."""
     height, width = costs.shape
     for row in prange(height):
-        work = make_work(rules, pictures.sources.shape[0])
+        work = make_work(pictures.sources.shape[0])
         for col in range(width):
-            variance = load_patch(pictures.reference, row, col, rules, work)
             plane = planes[row, col]
             costs[row, col] = rank_sources(
-                pictures, row, col, plane[0], plane[1], plane[2], variance, rules, work
+                pictures, windows, rules, row, col, plane[0], plane[1], plane[2], work
             )
 
 
 @njit(parallel=True, cache=True, fastmath=_FLAGS)
-def sweep(pictures, rules, planes, costs, offsets, colour, amplitude, explore, seed):
+def sweep(
+    pictures, windows, rules, planes, costs, settled, offsets, colour, amplitude, explore, seed
+):
     """Improve in place the planes of one colour of the checkerboard.
 
     Every pixel tries the best plane of each group of neighbours, `explore` random depths, and
@@ -272,6 +250,8 @@ def sweep(pictures, rules, planes, costs, offsets, colour, amplitude, explore, s
     Parameters
     ----------
     planes, costs : arrays (h, w, 3) and (h, w), float32
+    settled : bool array (h, w)
+        Pixels that keep their plane; they still hand it on.
     offsets : int32 array (groups, n, 2)
         (row, column) steps to neighbours of the other colour: |row| + |column| must be odd, so
         that no thread reads what another one writes.
@@ -284,16 +264,17 @@ def sweep(pictures, rules, planes, costs, offsets, colour, amplitude, explore, s
     step = amplitude * rules.parallax
     tilt = step / np.float32(rules.radius)
     for row in prange(height):
-        work = make_work(rules, pictures.sources.shape[0])
+        work = make_work(pictures.sources.shape[0])
         y = np.float32(row) + _HALF
         for col in range((row + colour) % 2, width, 2):
+            if settled[row, col]:
+                continue
             x = np.float32(col) + _HALF
-            variance = load_patch(pictures.reference, row, col, rules, work)
-            if not variance > MIN_VARIANCE:
+            if not windows.variance[row, col] > MIN_VARIANCE:
                 adopt_best_neighbour(planes, costs, offsets, row, col, pictures.camera, rules)
                 continue
             w, gx, gy = planes[row, col, 0], planes[row, col, 1], planes[row, col, 2]
-            best = rank_sources(pictures, row, col, w, gx, gy, variance, rules, work)
+            best = rank_sources(pictures, windows, rules, row, col, w, gx, gy, work)
             for group in range(offsets.shape[0]):
                 r, c = best_neighbour(costs, offsets, group, row, col)
                 if r < 0:
@@ -304,7 +285,7 @@ def sweep(pictures, rules, planes, costs, offsets, colour, amplitude, explore, s
                 if abs(t - w) + np.float32(rules.radius) * change < same:
                     continue  # nothing new: spare the evaluation
                 if allowed(pictures.camera, x, y, t, tx, ty, rules):
-                    cost = plane_cost(pictures, row, col, t, tx, ty, variance, best, rules, work)
+                    cost = plane_cost(pictures, windows, rules, row, col, t, tx, ty, best, work)
                     if cost < best:
                         best, w, gx, gy = cost, t, tx, ty
             pixel = row * width + col
@@ -322,7 +303,7 @@ def sweep(pictures, rules, planes, costs, offsets, colour, amplitude, explore, s
                         t += step * (_TWO * random_unit(seed, pixel, draw) - _ONE)
                 draw += 3
                 if allowed(pictures.camera, x, y, t, tx, ty, rules):
-                    cost = plane_cost(pictures, row, col, t, tx, ty, variance, best, rules, work)
+                    cost = plane_cost(pictures, windows, rules, row, col, t, tx, ty, best, work)
                     if cost < best:
                         best, w, gx, gy = cost, t, tx, ty
             planes[row, col, 0], planes[row, col, 1], planes[row, col, 2] = w, gx, gy
@@ -346,7 +327,7 @@ def best_neighbour(costs, offsets, group, row, col):
 @njit(cache=True)
 def adopt_best_neighbour(planes, costs, offsets, row, col, camera, rules):
     """Give a pixel that cannot be matched the plane of its cheapest neighbour; cost stays."""
-    best = UNSEEN
+    best = costs[row, col]
     for group in range(offsets.shape[0]):
         r, c = best_neighbour(costs, offsets, group, row, col)
         if r < 0 or not costs[r, c] < best:

@@ -1,13 +1,14 @@
 """The compiled kernels once more, as plain NumPy in double precision: to read, and to test them.
 
-Every function stands for the one of the same name in `kernels` or `smoothing`. One pixel at
-a time and no care for speed.
+Every function stands for the one of the same name in `kernels`, `windows` or `smoothing`. One
+pixel at a time and no care for speed.
 """
 
 import numpy as np
 
 from scenediff_classic.geometry.kernels import MIN_VARIANCE, UNSEEN, Rules
 from scenediff_classic.geometry.pyramid import Pictures
+from scenediff_classic.geometry.windows import Windows, window
 
 Plane = tuple[float, float, float]
 Number = float | np.float32
@@ -25,58 +26,90 @@ def random_unit(seed: int, pixel: int, draw: int) -> float:
     return (x >> 8) / 2**24
 
 
-def window(rules: Rules) -> tuple[np.ndarray, np.ndarray]:
-    """(dx, dy) of the window's samples, row by row."""
-    steps = np.arange(-rules.radius, rules.radius + 1, rules.stride)
-    dy, dx = np.meshgrid(steps, steps, indexing="ij")
-    return dx.ravel(), dy.ravel()
+def falloff(x: np.ndarray) -> np.ndarray:
+    """Close to exp(-x)."""
+    return np.maximum(1 - x / 8, 0) ** 8
 
 
-def load_patch(
-    reference: np.ndarray, row: int, col: int, rules: Rules
+def load_window(
+    reference: np.ndarray, row: int, col: int, radius: int, grey_sigma: float
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Bilateral weights (sum 1), weight times centred grey value, weighted variance."""
-    dx, dy = window(rules)
+    """One pixel of `prepare_windows`: weights (sum 1), weight times centred value, variance."""
+    dx, dy = (a.astype(int) for a in window(radius))
     height, width = reference.shape
     centre = float(reference[row, col])
     rows, cols = np.clip(row + dy, 0, height - 1), np.clip(col + dx, 0, width - 1)
-    values = reference[rows, cols].astype(float)
+    values = reference[rows, cols].astype(float) - centre
     known = ~np.isnan(values)
-    if np.isnan(centre):
-        return np.zeros(len(dx)), np.zeros(len(dx)), -1.0
     values = np.where(known, values, 0.0)
-    weights = np.exp(-((values - centre) ** 2) * rules.sharpness - (dx**2 + dy**2) * rules.nearness)
-    weights = np.where(known, weights, 0.0)
-    weights /= weights.sum()
+    contrast = values**2 / (2 * grey_sigma**2)
+    weights = np.where(known, falloff(contrast + (dx**2 + dy**2) / (2 * radius**2)), 0.0)
+    weights /= max(weights.sum(), 1e-30)
     centred = values - np.sum(weights * values)
-    return weights, weights * centred, float(np.sum(weights * centred**2))
+    variance = float(np.sum(weights * centred**2))
+    return weights, weights * centred, -1.0 if np.isnan(centre) else variance
 
 
 def source_cost(
-    pictures: Pictures, source: int, x: float, y: float, plane: Plane, rules: Rules,
-    weights: np.ndarray, weighted: np.ndarray, variance: float,
+    source: int, pictures: Pictures, windows: Windows, rules: Rules, row: int, col: int,
+    plane: Plane,
 ) -> float:  # fmt: skip
-    """1 - bilaterally weighted NCC of the patch around (x, y), under a plane, in one source."""
+    """1 - bilaterally weighted NCC of the window of a pixel, under a plane, in one source."""
     w, gx, gy = plane
-    dx, dy = window(rules)
+    x, y = col + 0.5, row + 0.5
+    dx, dy = windows.dx.astype(float), windows.dy.astype(float)
+    weights, weighted = windows.weights[row, col], windows.weighted[row, col]
     warp = pictures.warps[source].astype(float)
     height, width = pictures.sizes[source]
-    pixels = np.stack([x + dx, y + dy, np.ones(len(dx)), w + gx * dx + gy * dy])
-    u, v, z = warp @ pixels
-    centre_u, centre_v, centre_z = warp @ np.array([x, y, 1.0, w])
-    slope = np.abs(warp[2, :2] + warp[2, 3] * np.array([gx, gy])).sum()
-    if centre_z - rules.radius * slope <= 0:
+    centre = warp @ np.array([x, y, 1.0, w])
+    # columns: change of the homogeneous source position per pixel right and down
+    slopes = warp[:, :2] + warp[:, 3:] * np.array([gx, gy])
+    if centre[2] - rules.radius * np.abs(slopes[2]).sum() <= 0:
         return float(UNSEEN)
-    if not (0 <= centre_u < width * centre_z and 0 <= centre_v < height * centre_z):
+    position = centre[:2] / centre[2]
+    if not (0 <= position[0] < width and 0 <= position[1] < height):
         return float(UNSEEN)
+    jacobian = (slopes[:2] - position[:, None] * slopes[2]) / centre[2]
+    u, v = position[:, None] + jacobian @ np.stack([dx, dy])
     image = pictures.sources[source, :height, :width].astype(float)
-    values = bilinear(image, u / z - 0.5, v / z - 0.5)
+    values = bilinear(image, u - 0.5, v - 0.5) - float(pictures.reference[row, col])
     mean = np.sum(weights * values)
     spread = np.sum(weights * values**2) - mean**2
     if not spread > MIN_VARIANCE:
         return float(UNSEEN)
-    cost = 1 - np.sum(weighted * values) / np.sqrt(spread * variance)
+    cost = 1 - np.sum(weighted * values) / np.sqrt(spread * windows.variance[row, col])
     return min(float(cost), float(UNSEEN))
+
+
+def disagreement(
+    source: int, pictures: Pictures, rules: Rules, row: int, col: int, w: float
+) -> float:
+    """Forward-backward error of a depth against a source's own one, as a share of tolerance."""
+    there = pictures.warps[source].astype(float) @ np.array([col + 0.5, row + 0.5, 1.0, w])
+    u, v = there[:2] / there[2]
+    height, width = pictures.sizes[source]
+    if not (0 <= u < width and 0 <= v < height):
+        return 1.0
+    found = float(pictures.depths[source, int(v), int(u)])
+    if not found > 0:
+        return 1.0
+    back = pictures.returns[source].astype(float) @ np.array([u, v, 1.0, found])
+    error = np.hypot(back[0] / back[2] - col - 0.5, back[1] / back[2] - row - 0.5)
+    return min(float(error / rules.tolerance), 1.0)
+
+
+def cost_in(
+    source: int, pictures: Pictures, windows: Windows, rules: Rules, row: int, col: int,
+    plane: Plane,
+) -> float:  # fmt: skip
+    """Cost of a plane in one source: how unlike it looks there, and what its depth there says."""
+    cost = float(rules.cap)
+    if windows.variance[row, col] > MIN_VARIANCE:
+        cost = min(source_cost(source, pictures, windows, rules, row, col, plane), cost)
+    if rules.consistency > 0:
+        contradicted = disagreement(source, pictures, rules, row, col, plane[0])
+        cost += float(rules.consistency) * contradicted
+    return cost
 
 
 def bilinear(image: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -92,19 +125,13 @@ def bilinear(image: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def rank_sources(
-    pictures: Pictures, row: int, col: int, plane: Plane, rules: Rules
+    pictures: Pictures, windows: Windows, rules: Rules, row: int, col: int, plane: Plane
 ) -> tuple[np.ndarray, float]:
     """Sources sorted by the cost of a plane in them, and its mean over the best few."""
-    weights, weighted, variance = load_patch(pictures.reference, row, col, rules)
-    count = len(pictures.sources)
-    if not variance > MIN_VARIANCE:
-        return np.arange(count), float(UNSEEN)
     costs = np.array(
         [
-            source_cost(
-                pictures, s, col + 0.5, row + 0.5, plane, rules, weights, weighted, variance
-            )
-            for s in range(count)
+            cost_in(s, pictures, windows, rules, row, col, plane)
+            for s in range(len(pictures.sources))
         ]
     )
     order = np.argsort(costs, kind="stable")
@@ -112,15 +139,12 @@ def rank_sources(
 
 
 def plane_cost(
-    pictures: Pictures, row: int, col: int, plane: Plane, order: np.ndarray, rules: Rules
-) -> float:
+    pictures: Pictures, windows: Windows, rules: Rules, row: int, col: int, plane: Plane,
+    order: np.ndarray,
+) -> float:  # fmt: skip
     """Mean cost of a plane over the first few sources of `order`."""
-    patch = load_patch(pictures.reference, row, col, rules)
-    costs = [
-        source_cost(pictures, s, col + 0.5, row + 0.5, plane, rules, *patch)
-        for s in order[: rules.best].tolist()
-    ]
-    return float(np.mean(costs))
+    best = order[: rules.best].tolist()
+    return float(np.mean([cost_in(s, pictures, windows, rules, row, col, plane) for s in best]))
 
 
 def allowed(camera: np.ndarray, x: float, y: float, plane: Plane, rules: Rules) -> bool:
@@ -135,48 +159,51 @@ def allowed(camera: np.ndarray, x: float, y: float, plane: Plane, rules: Rules) 
     return bool(cosine >= rules.min_cosine)
 
 
-def score_planes(pictures: Pictures, rules: Rules, planes: np.ndarray, costs: np.ndarray) -> None:
+def score_planes(
+    pictures: Pictures, windows: Windows, rules: Rules, planes: np.ndarray, costs: np.ndarray
+) -> None:
     """Fill `costs` (h, w) with the cost of every pixel's own plane in `planes` (h, w, 3)."""
     for row, col in np.ndindex(*costs.shape):
         _, costs[row, col] = rank_sources(
-            pictures, row, col, tuple(planes[row, col].tolist()), rules
+            pictures, windows, rules, row, col, tuple(planes[row, col].tolist())
         )
 
 
 def sweep(
-    pictures: Pictures, rules: Rules, planes: np.ndarray, costs: np.ndarray, offsets: np.ndarray,
-    colour: int, amplitude: Number, explore: int, seed: int,
+    pictures: Pictures, windows: Windows, rules: Rules, planes: np.ndarray, costs: np.ndarray,
+    settled: np.ndarray, offsets: np.ndarray, colour: int, amplitude: Number, explore: int,
+    seed: int,
 ) -> None:  # fmt: skip
     """Improve in place the planes of one colour of the checkerboard."""
     height, width = costs.shape
     for row, col in np.ndindex(height, width):
-        if (row + col) % 2 != colour:
+        if (row + col) % 2 != colour or settled[row, col]:
             continue
         handed = neighbour_planes(planes, costs, offsets, row, col)
-        if not load_patch(pictures.reference, row, col, rules)[2] > MIN_VARIANCE:
-            adopt_best_neighbour(planes, handed, pictures.camera, row, col, rules)
+        if not windows.variance[row, col] > MIN_VARIANCE:
+            adopt_best_neighbour(planes, costs, handed, pictures.camera, row, col, rules)
             continue
         plane: Plane = tuple(planes[row, col].tolist())
-        order, cost = rank_sources(pictures, row, col, plane, rules)
+        order, cost = rank_sources(pictures, windows, rules, row, col, plane)
         state = plane, cost
         for plane, _ in handed:
             if not same_plane(plane, state[0], rules):
-                state = better_of(state, plane, pictures, row, col, order, rules)
+                state = better_of(state, plane, pictures, windows, rules, row, col, order)
         for trial in range(explore + 3):
             r = [random_unit(seed, row * width + col, 3 * trial + i) for i in range(3)]
             plane = varied(state[0], trial - explore, r, amplitude, rules)
-            state = better_of(state, plane, pictures, row, col, order, rules)
+            state = better_of(state, plane, pictures, windows, rules, row, col, order)
         planes[row, col], costs[row, col] = state
 
 
 def better_of(
-    state: tuple[Plane, float], plane: Plane, pictures: Pictures, row: int, col: int,
-    order: np.ndarray, rules: Rules,
+    state: tuple[Plane, float], plane: Plane, pictures: Pictures, windows: Windows, rules: Rules,
+    row: int, col: int, order: np.ndarray,
 ) -> tuple[Plane, float]:  # fmt: skip
     """The plane with the lower cost, and that cost; the old one on a tie."""
     if not allowed(pictures.camera, col + 0.5, row + 0.5, plane, rules):
         return state
-    cost = plane_cost(pictures, row, col, plane, order, rules)
+    cost = plane_cost(pictures, windows, rules, row, col, plane, order)
     return (plane, cost) if cost < state[1] else state
 
 
@@ -218,14 +245,14 @@ def neighbour_planes(
 
 
 def adopt_best_neighbour(
-    planes: np.ndarray, handed: list[tuple[Plane, float]], camera: np.ndarray,
-    row: int, col: int, rules: Rules,
+    planes: np.ndarray, costs: np.ndarray, handed: list[tuple[Plane, float]],
+    camera: np.ndarray, row: int, col: int, rules: Rules,
 ) -> None:  # fmt: skip
     """Give a pixel that cannot be matched the plane of its cheapest neighbour; cost stays."""
     matched = [
         (cost, i)
         for i, (plane, cost) in enumerate(handed)
-        if cost < UNSEEN and allowed(camera, col + 0.5, row + 0.5, plane, rules)
+        if cost < costs[row, col] and allowed(camera, col + 0.5, row + 0.5, plane, rules)
     ]
     if matched:
         planes[row, col] = handed[min(matched)[1]][0]
@@ -243,7 +270,7 @@ def smooth_planes(
         cells = [(r, c) for r, c in cells if 0 <= r < height and 0 <= c < width]
         weights = np.array(
             [
-                np.exp(-((grey[i] - grey[row, col]) ** 2) * sharpness) * (1 - costs[i]) ** 2
+                falloff((grey[i] - grey[row, col]) ** 2 * sharpness) * (1 - costs[i]) ** 2
                 for i in cells
             ]
         )

@@ -23,26 +23,41 @@ class Pictures(NamedTuple):
     """(s, 2) int32, height and width of each source."""
     warps: np.ndarray
     """(s, 3, 4) float32, ``[A | b]``."""
+    depths: np.ndarray
+    """(s, H, W) float32, inverse depth found in each source, 0 = none."""
+    returns: np.ndarray
+    """(s, 3, 4) float32, the maps from each source back into the view."""
     camera: np.ndarray
     """(4,) float32, fx, fy, cx, cy of the reference."""
 
 
 def pictures_at(view: View, others: Sequence[View], shrink: int) -> Pictures:
-    """Pictures of one pyramid level and the maps from the view into each source."""
+    """Pictures of one pyramid level and the maps between the view and each source.
+
+    Depth of the sources is only carried at full size.
+    """
     reference, K_ref = _level(view, shrink)
     levels = [_level(other, shrink) for other in others]
     sizes = np.array([image.shape for image, _ in levels], np.int32)
     room = sizes.max(axis=0) + 1  # bilinear reads one pixel past the last one
     sources = np.empty((len(levels), *room), np.float32)
     warps = np.empty((len(levels), 3, 4), np.float32)
+    returns = np.empty_like(warps)
+    depths = np.zeros((len(levels), *room) if shrink == 1 else (len(levels), 1, 1), np.float32)
     for i, (other, (image, K_src)) in enumerate(zip(others, levels, strict=True)):
         margins = [(0, room[0] - image.shape[0]), (0, room[1] - image.shape[1])]
         sources[i] = np.pad(image, margins, mode="edge")
         source_from_view = other.cam_from_world @ np.linalg.inv(view.cam_from_world)
         warps[i, :, :3] = K_src @ source_from_view[:3, :3] @ np.linalg.inv(K_ref)
         warps[i, :, 3] = K_src @ source_from_view[:3, 3]
+        back = np.linalg.inv(source_from_view)
+        returns[i, :, :3] = K_ref @ back[:3, :3] @ np.linalg.inv(K_src)
+        returns[i, :, 3] = K_ref @ back[:3, 3]
+        if shrink == 1:
+            h, w = image.shape
+            depths[i, :h, :w] = np.nan_to_num(1 / other.depth, nan=0.0)
     camera = K_ref[[0, 1, 0, 1], [0, 1, 2, 2]].astype(np.float32)
-    return Pictures(reference, sources, sizes, warps, camera)
+    return Pictures(reference, sources, sizes, warps, depths, returns, camera)
 
 
 def _level(

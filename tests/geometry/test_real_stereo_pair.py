@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from scenediff_classic.geometry.patchmatch import PatchMatchStereo
+from scenediff_classic.geometry.stereo import MultiViewStereo
 from scenediff_classic.protocols import silent
 from scenediff_classic.types import Geometry, Lens, SparsePoints, Video, View
 
@@ -42,7 +42,7 @@ def test_two_view_stereo_on_a_real_pair(real_data: Path, tmp_path: Path) -> None
         truth = BASELINE_M * FOCAL_PX / (disparity + SHIFT_PX)
     truth[~np.isfinite(disparity)] = np.nan
     geometry = Geometry((left, right), SparsePoints.none())
-    view = PatchMatchStereo()(geometry, tmp_path, silent).views[0]
+    view = MultiViewStereo()(geometry, tmp_path, silent).views[0]
     known = np.isfinite(truth)
     error = np.abs(view.depth / truth - 1)
     shares = [np.mean(error[known & view.measured] < limit) for limit in (0.01, 0.02, 0.05)]

@@ -6,13 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenediff_classic.geometry.patchmatch import PatchMatchStereo
+from scenediff_classic.geometry.patchmatch import PatchMatch
 from scenediff_classic.geometry.pyramid import upsample_planes
+from scenediff_classic.geometry.stereo import MultiViewStereo
 from scenediff_classic.protocols import silent
 from scenediff_classic.types import Geometry, SparsePoints
 from tests.geometry.textured_room import room
 
-QUICK = PatchMatchStereo(sources=3, best_sources=2, sweeps=(4, 2))
+QUICK = MultiViewStereo(PatchMatch(sweeps=(4, 2)), sources=3)
 SIZE = {"height": 60, "width": 80, "count": 4}
 
 
@@ -67,10 +68,12 @@ def test_world_scale_only_scales_depth(solved, tmp_path: Path) -> None:
 
 def test_second_run_reuses_depth_maps_unless_something_changed(tmp_path: Path) -> None:
     geometry, _ = room(height=24, width=32, count=3)
-    stereo = PatchMatchStereo(sweeps=(1,))
+    stereo = MultiViewStereo(PatchMatch(sweeps=(1,)))
     first = stereo(geometry, tmp_path, silent)
     files = sorted((tmp_path / "stereo").iterdir())
-    assert [f.name for f in files] == [f"before_{i:05d}.npz" for i in range(3)]
+    assert [f.name for f in files] == [
+        f"before_{i:05d}_{which}.npz" for i in range(3) for which in ("first", "second")
+    ]
     stamps = [f.stat().st_mtime_ns for f in files]
     again = stereo(geometry, tmp_path, silent)
     assert [f.stat().st_mtime_ns for f in files] == stamps
@@ -81,18 +84,18 @@ def test_second_run_reuses_depth_maps_unless_something_changed(tmp_path: Path) -
     repaired = stereo(geometry, tmp_path, silent)
     np.testing.assert_array_equal(repaired.views[1].depth, first.views[1].depth)
 
-    replace(stereo, seed=1)(geometry, tmp_path, silent)
+    replace(stereo, matcher=PatchMatch(sweeps=(2,)))(geometry, tmp_path, silent)
     assert all(f.stat().st_mtime_ns != s for f, s in zip(files, stamps, strict=True))
 
 
 def test_result_does_not_depend_on_the_number_of_threads(tmp_path: Path) -> None:
     numba = pytest.importorskip("numba")
     geometry, _ = room(height=24, width=32, count=3)
-    many = PatchMatchStereo(sweeps=(2,))(geometry, tmp_path / "many", silent)
+    many = MultiViewStereo(PatchMatch(sweeps=(2,)))(geometry, tmp_path / "many", silent)
     before = numba.get_num_threads()
     numba.set_num_threads(1)
     try:
-        one = PatchMatchStereo(sweeps=(2,))(geometry, tmp_path / "one", silent)
+        one = MultiViewStereo(PatchMatch(sweeps=(2,)))(geometry, tmp_path / "one", silent)
     finally:
         numba.set_num_threads(before)
     for a, b in zip(many.views, one.views, strict=True):
@@ -112,14 +115,16 @@ def test_ignored_pixels_get_no_depth(tmp_path: Path) -> None:
     ignore = np.zeros((24, 32), bool)
     ignore[:, :10] = True
     views = tuple(replace(v, ignore=ignore) for v in geometry.views)
-    result = PatchMatchStereo(sweeps=(2,))(replace(geometry, views=views), tmp_path, silent)
+    result = MultiViewStereo(PatchMatch(sweeps=(2,)))(
+        replace(geometry, views=views), tmp_path, silent
+    )
     assert all(np.isnan(v.depth[ignore]).all() for v in result.views)
     assert any(v.measured.any() for v in result.views)
 
 
 def test_view_alone_gets_no_depth(tmp_path: Path) -> None:
     geometry, _ = room(height=24, width=32, count=1)
-    (view,) = PatchMatchStereo()(geometry, tmp_path, silent).views
+    (view,) = MultiViewStereo()(geometry, tmp_path, silent).views
     assert not view.measured.any()
     assert np.isnan(view.depth).all()
 
@@ -129,7 +134,7 @@ def test_depth_does_not_see_the_other_capture(tmp_path: Path) -> None:
     before, _ = room(height=24, width=32, count=3)
     after, _ = room(height=24, width=32, count=3, video="after")
     black = tuple(replace(v, image=np.zeros_like(v.image)) for v in after.views)
-    stereo = PatchMatchStereo(sweeps=(1,))
+    stereo = MultiViewStereo(PatchMatch(sweeps=(1,)))
     one = stereo(replace(before, views=before.views + after.views), tmp_path / "a", silent)
     two = stereo(replace(before, views=before.views + black), tmp_path / "b", silent)
     for a, b in zip(one.of("before"), two.of("before"), strict=True):
