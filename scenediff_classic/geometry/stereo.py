@@ -8,12 +8,12 @@ confirms is kept.
 import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Int32
 
-from scenediff_classic import __version__
 from scenediff_classic.errors import OutputError
 from scenediff_classic.geometry.consistency import count_supporters
 from scenediff_classic.geometry.depth_confidence import depth_confidence
@@ -200,7 +200,7 @@ class _Work:
 
     def _digest(self, i: int, view: View, others: Sequence[View], options: object) -> np.ndarray:
         """Changes whenever the depth map would."""
-        digest = hashlib.sha256(repr((__version__, options)).encode())
+        digest = hashlib.sha256(repr((version("scenediff-classic"), options)).encode())
         for v in (view, *others):
             for array in (v.image, v.intrinsics, v.cam_from_world, v.ignore, v.depth):
                 digest.update(np.ascontiguousarray(array).tobytes())
