@@ -98,7 +98,7 @@ class PatchMatch:
         for level, sweeps in enumerate(levels):
             shrink = 2 ** (len(levels) - 1 - level)
             pictures = pictures_at(view, others, shrink)
-            rules = self._rules(w_range, parallax * shrink, consistency=0.0)
+            rules = self.rules(w_range, parallax * shrink, consistency=0.0)
             shape = pictures.reference.shape
             if level == 0:
                 rng = np.random.default_rng([self.seed, view.index])
@@ -135,7 +135,7 @@ class PatchMatch:
             return found
         w_range, parallax = self._range(view, others, points)
         pictures = pictures_at(view, others, 1)
-        rules = self._rules(w_range, parallax, consistency=self.consistency)
+        rules = self.rules(w_range, parallax, consistency=self.consistency)
         steps = [SECOND_STEP_PX * 0.5**i for i in range(self.consistent_sweeps)]
         planes, costs = self._improve(
             pictures, rules, found.planes, settled, steps, explore=0, draw=1024
@@ -207,9 +207,10 @@ class PatchMatch:
         w_range = inverse_depth_range(view, points, others, self.range_margin)
         return w_range, 1 / (view.intrinsics[0, 0] * median_baseline(view, others))
 
-    def _rules(
+    def rules(
         self, w_range: tuple[float, float], parallax: float, *, consistency: float
     ) -> kernels.Rules:
+        """What a plane may be: `w_range` in inverse depth, `parallax` in inverse depth a pixel."""
         return kernels.Rules(
             radius=self.radius,
             best=self.best_sources,

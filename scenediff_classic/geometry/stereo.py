@@ -12,7 +12,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Int32
+from jaxtyping import Bool, Float32, Int32
 
 from scenediff_classic.errors import OutputError
 from scenediff_classic.geometry.consistency import count_supporters
@@ -63,27 +63,13 @@ class MultiViewStereo:
         Geometry
             Same cameras. Depth is NaN where it could not be found or was not confirmed.
         """
-        sources = [
-            select_sources(geometry, i, count=self.sources, min_own=self.min_own_views)
-            for i in range(len(geometry.views))
-        ]
-        blind = tuple(
-            replace(v, depth=np.full(v.shape, np.nan, np.float32)) for v in geometry.views
-        )
-        work = _Work(
-            self,
-            replace(geometry, views=blind),
-            observed_points(geometry),
-            sources,
-            workspace / "stereo",
-            progress,
-        )
+        work = StereoWork.of(self, geometry, workspace, progress)
         found = work.second_pass(work.first_pass())
         return replace(geometry, views=tuple(work.confirmed(found)))
 
 
 @dataclass(frozen=True)
-class _Work:
+class StereoWork:
     """One call: what is matched against what, and where finished maps lie.
 
     Maps are read back when they are needed: in memory, planes would be the largest part.
@@ -96,6 +82,22 @@ class _Work:
     sources: Sequence[tuple[int, ...]]
     folder: Path
     progress: Progress
+
+    @staticmethod
+    def of(
+        stereo: MultiViewStereo, geometry: Geometry, workspace: Path, progress: Progress
+    ) -> "StereoWork":
+        """Choose the sources of every view and forget any depth."""
+        blind = tuple(
+            replace(v, depth=np.full(v.shape, np.nan, np.float32)) for v in geometry.views
+        )
+        sources = tuple(
+            select_sources(geometry, i, count=stereo.sources, min_own=stereo.min_own_views)
+            for i in range(len(blind))
+        )
+        geometry = replace(geometry, views=blind)
+        seen = observed_points(geometry)
+        return StereoWork(stereo, geometry, seen, sources, workspace / "stereo", progress)
 
     def first_pass(self) -> tuple[View, ...]:
         """All views with the depth that each found by itself."""
@@ -118,17 +120,23 @@ class _Work:
     def confirmed(self, found: Sequence[View]) -> Iterator[View]:
         """The views with what enough others agree with, and how sure it is."""
         for i, view in enumerate(found):
-            others = [found[s] for s in self.sources[i]]
-            supporters = self._supporters(view, others)
-            cost = self._map("second", i).cost
-            confidence = depth_confidence(view.depth, cost, supporters)
-            kept = self._enough(supporters, others) & (confidence >= self.stereo.min_confidence)
+            confidence, supporters = self.confidence(i, found)
+            kept = confidence >= self.stereo.min_confidence
+            kept &= self._enough(supporters, self.sources[i])
             yield replace(
                 view,
                 depth=np.where(kept, view.depth, np.nan).astype(np.float32),
                 confidence=np.where(kept, confidence, 0).astype(np.float32),
                 measured=kept,
             )
+
+    def confidence(
+        self, i: int, found: Sequence[View]
+    ) -> tuple[Float32[np.ndarray, "h w"], Int32[np.ndarray, "h w"]]:
+        """How likely the depth of a view is right, and how many others confirm it."""
+        supporters = self._supporters(found[i], [found[s] for s in self.sources[i]])
+        cost = self._map("second", i).cost
+        return depth_confidence(found[i].depth, cost, supporters), supporters
 
     def _first(self, i: int, view: View, others: Sequence[View]) -> DepthMap:
         digest = self._digest(i, view, others, self.stereo.matcher)
@@ -159,7 +167,7 @@ class _Work:
         )
 
     def _enough(
-        self, supporters: Int32[np.ndarray, "h w"], others: Sequence[View]
+        self, supporters: Int32[np.ndarray, "h w"], others: Sequence[object]
     ) -> Bool[np.ndarray, "h w"]:
         """True where a depth has the confirmation that it needs."""
         return supporters >= max(min(self.stereo.min_supporters, len(others)), 1)
