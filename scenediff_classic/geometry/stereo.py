@@ -33,15 +33,14 @@ class MultiViewStereo:
 
     matcher: Matcher = field(default_factory=PatchMatch)
     sources: int = 6
-    """Source views a reference view is matched against."""
-    min_own_views: int = 3
-    """A capture with fewer views also borrows sources from the other capture."""
+    """Source views a reference view is matched against. Where its own capture has fewer, views of
+    the other one fill up: what changed between them is then judged by its own views alone."""
     max_pixels: float = 1.5
     """Largest forward-backward error of a confirmed depth, in pixels."""
     max_relative: float = 0.01
     """Largest relative difference between depths that confirm each other."""
     min_supporters: int = 2
-    """Views that must confirm a depth (fewer where a view has fewer sources)."""
+    """Views that must confirm a depth (fewer where a view has fewer sources of its own video)."""
     min_confidence: float = 0.5
     """Confirmed depth that is less likely to be right is dropped all the same."""
 
@@ -92,8 +91,7 @@ class StereoWork:
             replace(v, depth=np.full(v.shape, np.nan, np.float32)) for v in geometry.views
         )
         sources = tuple(
-            select_sources(geometry, i, count=stereo.sources, min_own=stereo.min_own_views)
-            for i in range(len(blind))
+            select_sources(geometry, i, count=stereo.sources) for i in range(len(blind))
         )
         geometry = replace(geometry, views=blind)
         seen = observed_points(geometry)
@@ -122,7 +120,7 @@ class StereoWork:
         for i, view in enumerate(found):
             confidence, supporters = self.confidence(i, found)
             kept = confidence >= self.stereo.min_confidence
-            kept &= self._enough(supporters, self.sources[i])
+            kept &= self._enough(i, supporters)
             yield replace(
                 view,
                 depth=np.where(kept, view.depth, np.nan).astype(np.float32),
@@ -152,7 +150,7 @@ class StereoWork:
         digest = self._digest(i, first[i], others, (self.stereo.matcher, *limits))
         found = self._read("second", i, digest)
         if found is None:
-            settled = self._enough(self._supporters(first[i], others), others)
+            settled = self._enough(i, self._supporters(first[i], others))
             before = self._map("first", i)
             found = self.stereo.matcher.revise(first[i], others, self._points(i), before, settled)
             self._write("second", i, digest, found)
@@ -166,11 +164,11 @@ class StereoWork:
             max_relative=self.stereo.max_relative,
         )
 
-    def _enough(
-        self, supporters: Int32[np.ndarray, "h w"], others: Sequence[object]
-    ) -> Bool[np.ndarray, "h w"]:
+    def _enough(self, i: int, supporters: Int32[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
         """True where a depth has the confirmation that it needs."""
-        return supporters >= max(min(self.stereo.min_supporters, len(others)), 1)
+        views = self.geometry.views
+        own = sum(views[s].video == views[i].video for s in self.sources[i])
+        return supporters >= max(min(self.stereo.min_supporters, own), 1)
 
     def _points(self, i: int) -> np.ndarray:
         """World points (n, 3) that a view observes."""

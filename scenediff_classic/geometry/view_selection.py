@@ -52,34 +52,30 @@ def observed_points(geometry: Geometry) -> Bool[np.ndarray, "views points"]:
     return seen
 
 
-def select_sources(
-    geometry: Geometry, position: int, *, count: int, min_own: int
-) -> tuple[int, ...]:
+def select_sources(geometry: Geometry, position: int, *, count: int) -> tuple[int, ...]:
     """Positions of the best source views for the view at `position`, best first.
 
-    A view's sources are of its own video, so that a change between the captures cannot corrupt
-    its depth. Only a capture with fewer than `min_own` views borrows from the other one.
+    Sources are of the view's own video, so that a change between the captures cannot corrupt its
+    depth. Only a capture of at most `count` views, which lacks some, fills up with views of the
+    other one; they come last.
     Ranked by how many points both see, each weighted by its triangulation angle; without sparse
     points, by the part of the view's frustum that both see.
     """
     view = geometry.views[position]
-    own = sum(v.video == view.video for v in geometry.views)
-    candidates = [
-        i
-        for i, v in enumerate(geometry.views)
-        if i != position and (v.video == view.video or own < min_own)
-    ]
+    own = {i for i, v in enumerate(geometry.views) if v.video == view.video} - {position}
+    candidates = own if len(own) >= count else set(range(len(geometry.views))) - {position}
     seen = observed_points(geometry)
     shared = geometry.points.xyz[seen[position]]
     if len(shared) < 8:
-        others = [geometry.views[i] for i in candidates]
+        others = [geometry.views[i] for i in sorted(candidates)]
         shared = _frustum_points(view, *inverse_depth_range(view, shared, others, 1.0))
         seen = np.zeros((len(geometry.views), len(shared)), bool)
     else:
         seen = seen[:, seen[position]]
     scores = {i: _score(view, geometry.views[i], shared, seen[i]) for i in candidates}
     least = 1e-6 * len(shared)  # no parallax, nothing to measure
-    ranked = sorted((i for i in candidates if scores[i] > least), key=lambda i: (-scores[i], i))
+    useful = [i for i in candidates if scores[i] > least]
+    ranked = sorted(useful, key=lambda i: (i not in own, -scores[i], i))
     return tuple(ranked[:count])
 
 

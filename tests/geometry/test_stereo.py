@@ -3,15 +3,17 @@
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
+from scenediff_classic.geometry.depth_map import DepthMap
 from scenediff_classic.geometry.patchmatch import PatchMatch
 from scenediff_classic.geometry.pyramid import upsample_planes
 from scenediff_classic.geometry.stereo import MultiViewStereo
 from scenediff_classic.protocols import silent
 from scenediff_classic.types import Geometry, SparsePoints
-from tests.geometry.textured_room import room
+from tests.geometry.textured_room import BOXES, room
 
 QUICK = MultiViewStereo(PatchMatch(sweeps=(4, 2)), sources=3)
 SIZE = {"height": 60, "width": 80, "count": 4}
@@ -134,7 +136,7 @@ def test_depth_does_not_see_the_other_capture(tmp_path: Path) -> None:
     before, _ = room(height=24, width=32, count=3)
     after, _ = room(height=24, width=32, count=3, video="after")
     black = tuple(replace(v, image=np.zeros_like(v.image)) for v in after.views)
-    stereo = MultiViewStereo(PatchMatch(sweeps=(1,)))
+    stereo = MultiViewStereo(PatchMatch(sweeps=(1,)), sources=2)
     one = stereo(replace(before, views=before.views + after.views), tmp_path / "a", silent)
     two = stereo(replace(before, views=before.views + black), tmp_path / "b", silent)
     for a, b in zip(one.of("before"), two.of("before"), strict=True):
@@ -149,3 +151,43 @@ def test_upsampled_planes_are_the_same_planes() -> None:
     y, x = np.mgrid[0:12, 0:16] + 0.5
     np.testing.assert_allclose(fine[..., 0], 1 + gx * x / 2 + gy * y / 2, rtol=1e-5)
     np.testing.assert_allclose(fine[..., 1:], np.broadcast_to([gx / 2, gy / 2], (12, 16, 2)))
+
+
+def test_object_of_one_capture_stays_in_its_depth_beside_borrowed_sources(tmp_path: Path) -> None:
+    """Three views of a room with a box, filled up by five of the room without it."""
+    with_box, truth = room(**{**SIZE, "count": 3})
+    without, empty = room(**{**SIZE, "count": 5}, video="after", boxes=BOXES[:-1])
+    both = Geometry(with_box.views + without.views, SparsePoints.none())
+    solved = MultiViewStereo(PatchMatch(sweeps=(4, 2)), sources=6)(both, tmp_path, silent)
+    bare, _ = room(**{**SIZE, "count": 3}, boxes=BOXES[:-1])
+    for view, true, plain in zip(solved.of("before"), truth, bare.views, strict=True):
+        box = np.any(view.image != plain.image, axis=-1) & (true < 2.0)
+        inner = cv2.erode(box.astype(np.uint8), np.ones((5, 5))) > 0
+        assert inner.sum() > 50
+        kept = inner & view.measured
+        assert kept.sum() > 0.4 * inner.sum()
+        assert np.mean(np.abs(view.depth[kept] / true[kept] - 1) < 0.02) > 0.9
+    behind = solved.of("after")[2]  # where the box is missing, its depth does not appear
+    assert (
+        np.mean(np.abs(behind.depth[behind.measured] / empty[2][behind.measured] - 1) < 0.02) > 0.9
+    )
+
+
+def test_second_pass_mends_what_the_sources_contradict() -> None:
+    geometry, truth = room(**SIZE)
+    view, true = geometry.views[1], truth[1]
+    others = [replace(v, depth=t) for v, t in zip(geometry.views, truth, strict=True)]
+    del others[1]
+    planes = np.zeros((*view.shape, 3), np.float32)
+    planes[..., 0] = 1 / true
+    hole = np.s_[20:32, 30:46]
+    planes[hole] *= 1.3
+    settled = np.ones(view.shape, bool)
+    settled[hole] = False
+    found = DepthMap(1 / planes[..., 0], np.full(view.shape, 0.1, np.float32), planes)
+    mended = PatchMatch().revise(view, others, np.zeros((0, 3)), found, settled)
+    error = np.abs(mended.depth / true - 1)
+    assert np.all(np.abs(found.depth / true - 1)[hole] > 0.2)
+    assert np.mean(error[hole] < 0.02) > 0.7
+    assert np.mean(error[hole] < 0.05) > 0.9
+    assert np.mean(error[settled] < 0.02) > 0.95  # only smoothed

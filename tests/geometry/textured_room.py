@@ -16,10 +16,10 @@ BOXES = np.array(
 """(minimum, maximum) corner of each box; y points down, so the floor is at y = 1."""
 
 
-def _hits(origin: np.ndarray, rays: np.ndarray) -> np.ndarray:
+def _hits(origin: np.ndarray, rays: np.ndarray, boxes: np.ndarray) -> np.ndarray:
     """Distance along each ray (n, 3) to the nearest surface."""
     with np.errstate(divide="ignore"):
-        slabs = (BOXES[:, :, None, :] - origin) / rays
+        slabs = (boxes[:, :, None, :] - origin) / rays
     near = slabs.min(axis=1).max(axis=-1)
     far = slabs.max(axis=1).min(axis=-1)
     outside = np.where((near[1:] < far[1:]) & (near[1:] > 0), near[1:], np.inf)
@@ -59,6 +59,7 @@ def render(
     *,
     seed: int = 0,
     noise: float = 1.5,
+    boxes: np.ndarray = BOXES,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Picture (uint8, 2x2 samples a pixel) and exact z-depth at the pixel centres."""
     rotation, centre = cam_from_world[:3, :3], -cam_from_world[:3, :3].T @ cam_from_world[:3, 3]
@@ -67,7 +68,7 @@ def render(
         x, y = np.meshgrid(np.arange(width) + offset_x, np.arange(height) + offset_y)
         pixels = np.stack([x.ravel(), y.ravel(), np.ones(x.size)])
         rays = (rotation.T @ np.linalg.inv(intrinsics) @ pixels).T
-        depth = _hits(centre, rays)
+        depth = _hits(centre, rays, boxes)
         return depth, centre + rays * depth[:, None]
 
     depth, _ = cast(0.5, 0.5)
@@ -85,6 +86,7 @@ def room(
     *,
     video: Video = "before",
     scale: float = 1.0,
+    boxes: np.ndarray = BOXES,
 ) -> tuple[Geometry, tuple[np.ndarray, ...]]:
     """Geometry of `count` views on an arc, without depth, and the true depth of each.
 
@@ -99,7 +101,7 @@ def room(
             [2.4 * np.sin(angle), -0.25 + 0.06 * (-1) ** i, 2.3 - 2.4 * np.cos(angle)]
         )
         pose = look_at(centre, np.array([0.0, 0.2, 2.3]))
-        image, depth = render(pose, intrinsics, height, width)
+        image, depth = render(pose, intrinsics, height, width, boxes=boxes)
         pose[:3, 3] *= scale
         depths.append(depth * np.float32(scale))
         views.append(
