@@ -60,7 +60,7 @@ def configured(
         return replace(base, geometry=KnownGeometry(geometry, long_side=side))
     stereo = MultiViewStereo(PatchMatch(seed=seed), sources=4 if preset == "fast" else 6)
     if preset == "accurate":
-        thorough = PatchMatch(seed=seed, sweeps=(6, 4, 3, 2))
+        thorough = PatchMatch(seed=seed, sweeps=(6, 4, 4, 3))
         stereo = MultiViewStereo(thorough, sources=8)
     sfm = StructureFromMotion(long_side=side, seed=seed)
     completion = DepthCompletion(seed=seed)

@@ -16,7 +16,9 @@ one file because numba's cache does not notice a change in a function that comes
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
+
+from scenediff_classic.geometry.rows import over_rows
 
 UNSEEN = np.float32(1.0)
 """1 - NCC of a source that tells nothing: outside, ignored, without texture, anti-correlated."""
@@ -30,8 +32,8 @@ _TWO = np.float32(2.0)
 _ZERO = np.float32(0.0)
 _NEXT = np.uint32(1)
 _FLAGS = {"reassoc", "contract", "arcp", "nsz"}
-# The functions that judge a plane are inlined by force: a call would count references to some
-# twenty arrays, which takes longer than the matching itself.
+# `_nrt=False`: without it, every call counts references to some twenty arrays, which takes longer
+# than the matching itself; kernels then cannot make arrays and get their scratch room from outside.
 
 
 class Rules(NamedTuple):
@@ -65,7 +67,7 @@ class Work(NamedTuple):
     """Cost of the current plane in each of them, in that order."""
 
 
-@njit(cache=True)
+@njit(_nrt=False, cache=True)
 def random_unit(seed, pixel, draw):
     """Random number in [0, 1) that depends on its arguments only, not on any thread's state."""
     mask = np.uint64(0xFFFFFFFF)
@@ -78,16 +80,21 @@ def random_unit(seed, pixel, draw):
     return np.float32(x >> np.uint64(8)) * np.float32(2.0**-24)
 
 
-@njit(cache=True)
-def make_work(sources):
-    """Room for one pixel's evaluations; every row makes its own, so that threads share none."""
-    return Work(np.zeros(sources, np.int32), np.zeros(sources, np.float32))
+def make_work(height, sources):
+    """Room for the evaluations of every row: rows share none, so neither do threads."""
+    return Work(np.zeros((height, sources), np.int32), np.zeros((height, sources), np.float32))
 
 
-@njit(forceinline=True, cache=True, fastmath=_FLAGS, error_model="numpy")
+def flattened(pictures):
+    """The pictures with each source as one row of pixels, and how many of them make a row."""
+    count, _, pitch = pictures.sources.shape
+    return pictures._replace(sources=pictures.sources.reshape(count, -1)), pitch
+
+
+@njit(_nrt=False, forceinline=True, cache=True, fastmath=_FLAGS, error_model="numpy")
 def source_cost(
-    image, height, width, warp, x, y, w, gx, gy, centre, variance, weights, weighted, dxs, dys,
-    reach,
+    flat, pitch, height, width, warp, x, y, w, gx, gy, centre, variance, weights, weighted,
+    dxs, dys, reach,
 ):  # fmt: skip
     """1 - bilaterally weighted NCC of the patch around (x, y), under a plane, in one source.
 
@@ -111,9 +118,8 @@ def source_cost(
     u0 -= _HALF
     v0 -= _HALF
     last_u, last_v = limit_u - _ONE, limit_v - _ONE
-    columns, pitch = np.int32(image.shape[1]), np.uint32(image.shape[1])
+    columns, pitch = np.int32(pitch), np.uint32(pitch)
     samples = dxs.shape[0]
-    flat = image.ravel()
     mean, square, product = _ZERO, _ZERO, _ZERO
     for k in range(samples):  # without any store, so that the compiler can vectorise all of it
         u = u0 + dxs[k] * ux + dys[k] * uy
@@ -141,7 +147,7 @@ def source_cost(
     return cost if cost < UNSEEN else UNSEEN
 
 
-@njit(forceinline=True, cache=True, fastmath=_FLAGS, error_model="numpy")
+@njit(_nrt=False, forceinline=True, cache=True, fastmath=_FLAGS, error_model="numpy")
 def disagreement(depths, height, width, warp, back, x, y, w, tolerance):
     """Forward-backward error of a depth against a source's own one, as a share of `tolerance`."""
     scale = _ONE / (warp[2, 0] * x + warp[2, 1] * y + warp[2, 2] + warp[2, 3] * w)
@@ -159,15 +165,16 @@ def disagreement(depths, height, width, warp, back, x, y, w, tolerance):
     return error if error < _ONE else _ONE
 
 
-@njit(forceinline=True, cache=True, fastmath=_FLAGS)
-def cost_in(source, pictures, windows, rules, row, col, w, gx, gy):
+@njit(_nrt=False, forceinline=True, cache=True, fastmath=_FLAGS)
+def cost_in(source, pictures, pitch, windows, rules, row, col, w, gx, gy):
     """Cost of a plane in one source: how unlike it looks there, and what its depth there says."""
     x, y = np.float32(col) + _HALF, np.float32(row) + _HALF
     cost = rules.cap
     if windows.variance[row, col] > MIN_VARIANCE:
         unlikeness = source_cost(
-            pictures.sources[source], pictures.sizes[source, 0], pictures.sizes[source, 1],
-            pictures.warps[source], x, y, w, gx, gy, pictures.reference[row, col],
+            pictures.sources[source], pitch, pictures.sizes[source, 0],
+            pictures.sizes[source, 1], pictures.warps[source], x, y, w, gx, gy,
+            pictures.reference[row, col],
             windows.variance[row, col], windows.weights[row, col], windows.weighted[row, col],
             windows.dx, windows.dy, np.float32(rules.radius),
         )  # fmt: skip
@@ -180,12 +187,12 @@ def cost_in(source, pictures, windows, rules, row, col, w, gx, gy):
     return cost
 
 
-@njit(forceinline=True, cache=True, fastmath=_FLAGS)
-def rank_sources(pictures, windows, rules, row, col, w, gx, gy, work):
+@njit(_nrt=False, forceinline=True, cache=True, fastmath=_FLAGS)
+def rank_sources(pictures, pitch, windows, rules, row, col, w, gx, gy, work):
     """Sort the sources by the cost of a plane in them, and judge the plane by the best few."""
     count = pictures.sources.shape[0]
     for source in range(count):
-        cost = cost_in(source, pictures, windows, rules, row, col, w, gx, gy)
+        cost = cost_in(source, pictures, pitch, windows, rules, row, col, w, gx, gy)
         k = source
         while k > 0 and work.costs[k - 1] > cost:
             work.costs[k], work.order[k] = work.costs[k - 1], work.order[k - 1]
@@ -198,8 +205,8 @@ def rank_sources(pictures, windows, rules, row, col, w, gx, gy, work):
     return total / np.float32(kept)
 
 
-@njit(forceinline=True, cache=True, fastmath=_FLAGS)
-def plane_cost(pictures, windows, rules, row, col, w, gx, gy, bound, work):
+@njit(_nrt=False, forceinline=True, cache=True, fastmath=_FLAGS)
+def plane_cost(pictures, pitch, windows, rules, row, col, w, gx, gy, bound, work):
     """Mean cost of a plane over the best sources of `rank_sources`.
 
     Stops early, with a value of at least `bound`, once it cannot be lower than that.
@@ -207,13 +214,13 @@ def plane_cost(pictures, windows, rules, row, col, w, gx, gy, bound, work):
     kept = min(rules.best, pictures.sources.shape[0])
     total = _ZERO
     for k in range(kept):
-        total += cost_in(work.order[k], pictures, windows, rules, row, col, w, gx, gy)
+        total += cost_in(work.order[k], pictures, pitch, windows, rules, row, col, w, gx, gy)
         if total >= bound * np.float32(kept):
             break
     return total / np.float32(kept)
 
 
-@njit(cache=True, fastmath=_FLAGS)
+@njit(_nrt=False, cache=True, fastmath=_FLAGS)
 def allowed(camera, x, y, w, gx, gy, rules):
     """True for a plane inside the depth range that is not seen too edge-on."""
     if not (w >= rules.w_min and w <= rules.w_max):
@@ -225,20 +232,25 @@ def allowed(camera, x, y, w, gx, gy, rules):
     return w * w >= rules.min_cosine * rules.min_cosine * lengths
 
 
-@njit(parallel=True, cache=True, fastmath=_FLAGS)
 def score_planes(pictures, windows, rules, planes, costs):
     """Fill `costs` (h, w) with the cost of every pixel's own plane in `planes` (h, w, 3)."""
-    height, width = costs.shape
-    for row in prange(height):
-        work = make_work(pictures.sources.shape[0])
+    work = make_work(len(costs), len(pictures.sources))
+    flat, pitch = flattened(pictures)
+    over_rows(_score_rows, len(costs), flat, pitch, windows, rules, planes, costs, work)
+
+
+@njit(_nrt=False, nogil=True, cache=True, fastmath=_FLAGS)
+def _score_rows(pictures, pitch, windows, rules, planes, costs, scratch, first, last):
+    width = costs.shape[1]
+    for row in range(first, last):
+        work = Work(scratch.order[row], scratch.costs[row])
         for col in range(width):
             plane = planes[row, col]
             costs[row, col] = rank_sources(
-                pictures, windows, rules, row, col, plane[0], plane[1], plane[2], work
+                pictures, pitch, windows, rules, row, col, plane[0], plane[1], plane[2], work
             )
 
 
-@njit(parallel=True, cache=True, fastmath=_FLAGS)
 def sweep(
     pictures, windows, rules, planes, costs, settled, offsets, colour, amplitude, explore, seed
 ):
@@ -259,12 +271,25 @@ def sweep(
     amplitude : float32
         Largest perturbation, in pixels of parallax.
     """
-    height, width = costs.shape
+    work = make_work(len(costs), len(pictures.sources))
+    flat, pitch = flattened(pictures)
+    over_rows(
+        _sweep_rows, len(costs), flat, pitch, windows, rules, planes, costs, settled, offsets,
+        colour, amplitude, explore, seed, work,
+    )  # fmt: skip
+
+
+@njit(_nrt=False, nogil=True, cache=True, fastmath=_FLAGS)
+def _sweep_rows(
+    pictures, pitch, windows, rules, planes, costs, settled, offsets, colour, amplitude, explore,
+    seed, scratch, first, last,
+):  # fmt: skip
+    width = costs.shape[1]
     same = np.float32(0.02) * rules.parallax
     step = amplitude * rules.parallax
     tilt = step / np.float32(rules.radius)
-    for row in prange(height):
-        work = make_work(pictures.sources.shape[0])
+    for row in range(first, last):
+        work = Work(scratch.order[row], scratch.costs[row])
         y = np.float32(row) + _HALF
         for col in range((row + colour) % 2, width, 2):
             if settled[row, col]:
@@ -274,7 +299,7 @@ def sweep(
                 adopt_best_neighbour(planes, costs, offsets, row, col, pictures.camera, rules)
                 continue
             w, gx, gy = planes[row, col, 0], planes[row, col, 1], planes[row, col, 2]
-            best = rank_sources(pictures, windows, rules, row, col, w, gx, gy, work)
+            best = rank_sources(pictures, pitch, windows, rules, row, col, w, gx, gy, work)
             for group in range(offsets.shape[0]):
                 r, c = best_neighbour(costs, offsets, group, row, col)
                 if r < 0:
@@ -285,7 +310,9 @@ def sweep(
                 if abs(t - w) + np.float32(rules.radius) * change < same:
                     continue  # nothing new: spare the evaluation
                 if allowed(pictures.camera, x, y, t, tx, ty, rules):
-                    cost = plane_cost(pictures, windows, rules, row, col, t, tx, ty, best, work)
+                    cost = plane_cost(
+                        pictures, pitch, windows, rules, row, col, t, tx, ty, best, work
+                    )
                     if cost < best:
                         best, w, gx, gy = cost, t, tx, ty
             pixel = row * width + col
@@ -303,14 +330,16 @@ def sweep(
                         t += step * (_TWO * random_unit(seed, pixel, draw) - _ONE)
                 draw += 3
                 if allowed(pictures.camera, x, y, t, tx, ty, rules):
-                    cost = plane_cost(pictures, windows, rules, row, col, t, tx, ty, best, work)
+                    cost = plane_cost(
+                        pictures, pitch, windows, rules, row, col, t, tx, ty, best, work
+                    )
                     if cost < best:
                         best, w, gx, gy = cost, t, tx, ty
             planes[row, col, 0], planes[row, col, 1], planes[row, col, 2] = w, gx, gy
             costs[row, col] = best
 
 
-@njit(cache=True)
+@njit(_nrt=False, cache=True)
 def best_neighbour(costs, offsets, group, row, col):
     """Position of the cheapest neighbour of one group; (-1, -1) if all lie outside."""
     height, width = costs.shape
@@ -324,7 +353,7 @@ def best_neighbour(costs, offsets, group, row, col):
     return found_row, found_col
 
 
-@njit(cache=True)
+@njit(_nrt=False, cache=True)
 def adopt_best_neighbour(planes, costs, offsets, row, col, camera, rules):
     """Give a pixel that cannot be matched the plane of its cheapest neighbour; cost stays."""
     best = costs[row, col]

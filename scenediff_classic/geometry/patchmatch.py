@@ -67,7 +67,7 @@ class PatchMatch:
     """Largest 1 - NCC that counts: beyond it, a source is occluded rather than a worse match."""
     smooth_sigma: float = 0.06
     """Grey-value difference (0 to 1) over which planes are smoothed."""
-    sweeps: tuple[int, ...] = (4, 3, 2, 1)
+    sweeps: tuple[int, ...] = (4, 3, 2, 2)
     """Sweeps over the picture at each pyramid level, coarsest first; each level doubles."""
     consistency: float = 0.2
     """Second pass: cost of a plane that a source's own depth contradicts, beside the 1 - NCC."""

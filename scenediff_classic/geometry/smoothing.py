@@ -1,10 +1,11 @@
 """Smoothing of plane hypotheses, compiled; its NumPy twin is in `kernels_reference`."""
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
+
+from scenediff_classic.geometry.rows import over_rows
 
 
-@njit(parallel=True, cache=True, fastmath={"reassoc", "contract", "nsz"})
 def smooth_planes(grey, planes, costs, radius, stride, sharpness, smoothed):
     """Fill `smoothed` (h, w, 3): at each pixel the median of what the planes around it say there.
 
@@ -12,9 +13,16 @@ def smooth_planes(grey, planes, costs, radius, stride, sharpness, smoothed):
     pixel's, so that depth follows the picture's edges rather than the matching window's. The
     plane that says the median inverse depth is taken over as a whole.
     """
+    over_rows(
+        _smooth_rows, costs.shape[0], grey, planes, costs, radius, stride, sharpness, smoothed
+    )
+
+
+@njit(nogil=True, cache=True, fastmath={"reassoc", "contract", "nsz"})
+def _smooth_rows(grey, planes, costs, radius, stride, sharpness, smoothed, first, last):
     height, width = costs.shape
     samples = (2 * radius // stride + 1) ** 2
-    for row in prange(height):
+    for row in range(first, last):
         says = np.empty(samples, np.float32)  # rising
         weights = np.empty(samples, np.float32)
         origin = np.empty(samples, np.int32)

@@ -8,7 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float32
-from numba import njit, prange
+from numba import njit
+
+from scenediff_classic.geometry.rows import over_rows
 
 _EIGHT = np.float32(8)
 
@@ -52,17 +54,20 @@ def prepare_windows(
     """
     dx, dy = window(radius)
     sharpness, nearness = np.float32(0.5 / grey_sigma**2), np.float32(0.5 / radius**2)
-    return Windows(*_prepare(reference, dx, dy, sharpness, nearness), dx, dy)
+    weights = np.empty((*reference.shape, len(dx)), np.float32)
+    windows = Windows(
+        weights, np.empty_like(weights), np.empty(reference.shape, np.float32), dx, dy
+    )
+    over_rows(_prepare_rows, len(reference), reference, windows, sharpness, nearness)
+    return windows
 
 
-@njit(parallel=True, cache=True, fastmath={"reassoc", "contract", "arcp", "nsz"})
-def _prepare(reference, dx, dy, sharpness, nearness):
+@njit(nogil=True, cache=True, fastmath={"reassoc", "contract", "arcp", "nsz"})
+def _prepare_rows(reference, windows, sharpness, nearness, first, last):
     height, width = reference.shape
+    weights, weighted, variances, dx, dy = windows
     samples = dx.shape[0]
-    weights = np.empty((height, width, samples), np.float32)
-    weighted = np.empty((height, width, samples), np.float32)
-    variances = np.empty((height, width), np.float32)
-    for row in prange(height):
+    for row in range(first, last):
         for col in range(width):
             centre = reference[row, col]
             total, mean, variance = np.float32(0), np.float32(0), np.float32(0)
@@ -90,4 +95,3 @@ def _prepare(reference, dx, dy, sharpness, nearness):
                 weighted[row, col, k] = weights[row, col, k] * centred
                 variance += weighted[row, col, k] * centred
             variances[row, col] = variance if centre == centre else np.float32(-1)
-    return weights, weighted, variances
