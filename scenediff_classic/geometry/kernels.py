@@ -13,7 +13,7 @@ Not-a-number is used on purpose (ignored pixels), so `fastmath` may only regroup
 one file because numba's cache does not notice a change in a function that comes from another.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -32,8 +32,12 @@ _TWO = np.float32(2.0)
 _ZERO = np.float32(0.0)
 _NEXT = np.uint32(1)
 _FLAGS = {"reassoc", "contract", "arcp", "nsz"}
-# `_nrt=False`: without it, every call counts references to some twenty arrays, which takes longer
-# than the matching itself; kernels then cannot make arrays and get their scratch room from outside.
+_PLAIN: dict[str, Any] = {"_nrt": False, "cache": True}
+_FAST: dict[str, Any] = {**_PLAIN, "fastmath": _FLAGS}
+_INLINE: dict[str, Any] = {**_FAST, "forceinline": True, "error_model": "numpy"}
+_ROWS: dict[str, Any] = {**_FAST, "nogil": True}
+# `_nrt`: without it, every call counts references to some twenty arrays, which takes longer than
+# the matching itself; kernels then cannot make arrays and get their scratch room from outside.
 
 
 class Rules(NamedTuple):
@@ -67,7 +71,7 @@ class Work(NamedTuple):
     """Cost of the current plane in each of them, in that order."""
 
 
-@njit(_nrt=False, cache=True)
+@njit(**_PLAIN)
 def random_unit(seed, pixel, draw):
     """Random number in [0, 1) that depends on its arguments only, not on any thread's state."""
     mask = np.uint64(0xFFFFFFFF)
@@ -91,7 +95,7 @@ def flattened(pictures):
     return pictures._replace(sources=pictures.sources.reshape(count, -1)), pitch
 
 
-@njit(_nrt=False, forceinline=True, cache=True, fastmath=_FLAGS, error_model="numpy")
+@njit(**_INLINE)
 def source_cost(
     flat, pitch, height, width, warp, x, y, w, gx, gy, centre, variance, weights, weighted,
     dxs, dys, reach,
@@ -147,7 +151,7 @@ def source_cost(
     return cost if cost < UNSEEN else UNSEEN
 
 
-@njit(_nrt=False, forceinline=True, cache=True, fastmath=_FLAGS, error_model="numpy")
+@njit(**_INLINE)
 def disagreement(depths, height, width, warp, back, x, y, w, tolerance):
     """Forward-backward error of a depth against a source's own one, as a share of `tolerance`."""
     scale = _ONE / (warp[2, 0] * x + warp[2, 1] * y + warp[2, 2] + warp[2, 3] * w)
@@ -165,7 +169,7 @@ def disagreement(depths, height, width, warp, back, x, y, w, tolerance):
     return error if error < _ONE else _ONE
 
 
-@njit(_nrt=False, forceinline=True, cache=True, fastmath=_FLAGS)
+@njit(**_INLINE)
 def cost_in(source, pictures, pitch, windows, rules, row, col, w, gx, gy):
     """Cost of a plane in one source: how unlike it looks there, and what its depth there says."""
     x, y = np.float32(col) + _HALF, np.float32(row) + _HALF
@@ -187,7 +191,7 @@ def cost_in(source, pictures, pitch, windows, rules, row, col, w, gx, gy):
     return cost
 
 
-@njit(_nrt=False, forceinline=True, cache=True, fastmath=_FLAGS)
+@njit(**_INLINE)
 def rank_sources(pictures, pitch, windows, rules, row, col, w, gx, gy, work):
     """Sort the sources by the cost of a plane in them, and judge the plane by the best few."""
     count = pictures.sources.shape[0]
@@ -205,7 +209,7 @@ def rank_sources(pictures, pitch, windows, rules, row, col, w, gx, gy, work):
     return total / np.float32(kept)
 
 
-@njit(_nrt=False, forceinline=True, cache=True, fastmath=_FLAGS)
+@njit(**_INLINE)
 def plane_cost(pictures, pitch, windows, rules, row, col, w, gx, gy, bound, work):
     """Mean cost of a plane over the best sources of `rank_sources`.
 
@@ -220,7 +224,7 @@ def plane_cost(pictures, pitch, windows, rules, row, col, w, gx, gy, bound, work
     return total / np.float32(kept)
 
 
-@njit(_nrt=False, cache=True, fastmath=_FLAGS)
+@njit(**_FAST)
 def allowed(camera, x, y, w, gx, gy, rules):
     """True for a plane inside the depth range that is not seen too edge-on."""
     if not (w >= rules.w_min and w <= rules.w_max):
@@ -239,7 +243,7 @@ def score_planes(pictures, windows, rules, planes, costs):
     over_rows(_score_rows, len(costs), flat, pitch, windows, rules, planes, costs, work)
 
 
-@njit(_nrt=False, nogil=True, cache=True, fastmath=_FLAGS)
+@njit(**_ROWS)
 def _score_rows(pictures, pitch, windows, rules, planes, costs, scratch, first, last):
     width = costs.shape[1]
     for row in range(first, last):
@@ -279,7 +283,7 @@ def sweep(
     )  # fmt: skip
 
 
-@njit(_nrt=False, nogil=True, cache=True, fastmath=_FLAGS)
+@njit(**_ROWS)
 def _sweep_rows(
     pictures, pitch, windows, rules, planes, costs, settled, offsets, colour, amplitude, explore,
     seed, scratch, first, last,
@@ -339,7 +343,7 @@ def _sweep_rows(
             costs[row, col] = best
 
 
-@njit(_nrt=False, cache=True)
+@njit(**_PLAIN)
 def best_neighbour(costs, offsets, group, row, col):
     """Position of the cheapest neighbour of one group; (-1, -1) if all lie outside."""
     height, width = costs.shape
@@ -353,7 +357,7 @@ def best_neighbour(costs, offsets, group, row, col):
     return found_row, found_col
 
 
-@njit(_nrt=False, cache=True)
+@njit(**_PLAIN)
 def adopt_best_neighbour(planes, costs, offsets, row, col, camera, rules):
     """Give a pixel that cannot be matched the plane of its cheapest neighbour; cost stays."""
     best = costs[row, col]
