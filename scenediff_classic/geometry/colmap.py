@@ -9,17 +9,18 @@ import itertools
 # pycolmap's wheel exports zlib symbols of its own: whoever loads it before Python's zlib makes the
 # process abort when zlib is next flushed. Importing zlib first is enough.
 import zlib  # noqa: F401
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pycolmap
-from jaxtyping import Float64
+from jaxtyping import Float32, Float64
 
 from scenediff_classic.cameras import project, source_from_view
 from scenediff_classic.errors import InputError
 from scenediff_classic.geometry.sparse_model import (
+    EpipolarPair,
     FeatureRecipe,
     MapperRecipe,
     PairMatch,
@@ -32,6 +33,33 @@ from scenediff_classic.types import Lens, SparsePoints
 pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value
 
 VERSION: str = pycolmap.__version__
+
+
+ALIKED_WEIGHTS, LIGHTGLUE_WEIGHTS = "aliked-n16rot.onnx", "aliked-lightglue.onnx"
+
+
+def check_learned(weights: Path | None) -> None:
+    """Make sure that learned features can be used without reaching for the network.
+
+    COLMAP's own defaults are addresses from which it would download: only local files are passed.
+
+    Raises
+    ------
+    InputError
+        If a file is missing, or this build of pycolmap cannot run it.
+    """
+    if weights is None:
+        raise InputError(
+            "The matcher aliked needs a folder with its weights: nothing is downloaded."
+        )
+    for name in (ALIKED_WEIGHTS, LIGHTGLUE_WEIGHTS):
+        if not (weights / name).is_file():
+            raise InputError(f"{weights / name} is missing: the matcher aliked needs it.")
+    if not hasattr(pycolmap.FeatureExtractionOptions(), "aliked"):
+        raise InputError(
+            f"The installed pycolmap {VERSION} was built without ONNX, which the matcher aliked "
+            "needs: use the matcher sift."
+        )
 
 
 @dataclass(frozen=True)
@@ -83,6 +111,11 @@ class Database:
         options.sift.peak_threshold = recipe.peak_threshold
         options.sift.estimate_affine_shape = recipe.affine
         options.sift.domain_size_pooling = recipe.affine
+        if recipe.weights is not None:
+            check_learned(recipe.weights)
+            options.type = pycolmap.FeatureExtractorType.ALIKED_N16ROT
+            model = str((recipe.weights / ALIKED_WEIGHTS).resolve())
+            options.mergedict({"aliked": {"n16rot_model_path": model, "n32_model_path": model}})
         pycolmap.extract_features(
             self.path,
             self.images,
@@ -99,6 +132,12 @@ class Database:
         options = pycolmap.FeatureMatchingOptions()
         options.guided_matching = recipe.guided
         options.sift.max_ratio = recipe.ratio
+        if recipe.weights is not None:
+            check_learned(recipe.weights)
+            options.type = pycolmap.FeatureMatcherType.ALIKED_LIGHTGLUE
+            model = str((recipe.weights / LIGHTGLUE_WEIGHTS).resolve())
+            paths = {"lightglue_model_path": model, "bruteforce_model_path": model}
+            options.mergedict({"aliked": paths})
         pairing = pycolmap.ImportedPairingOptions()
         pairing.match_list_path = listing
         verification = pycolmap.TwoViewGeometryOptions()
@@ -118,11 +157,15 @@ class Database:
                 for number, picture in enumerate(self.pictures, start=1)
             }
 
-    def descriptors(self, name: str) -> Float64[np.ndarray, "n 128"]:
-        """SIFT descriptors of a picture, in COLMAP's 0 to 255 scale."""
-        number = [p.name for p in self.pictures].index(name) + 1
+    def descriptors(self, count: int, seed: int) -> list[Float32[np.ndarray, "_ 128"]]:
+        """Up to `count` random SIFT descriptors of each picture, in COLMAP's 0 to 255 scale."""
+        rng = np.random.default_rng(seed)
         with pycolmap.Database.open(self.path) as database:
-            return np.asarray(database.read_descriptors(number).data, dtype=np.float64)
+            stored = (
+                np.asarray(database.read_descriptors(number).data)
+                for number in range(1, len(self.pictures) + 1)
+            )
+            return [d[rng.permutation(len(d))[:count]].astype(np.float32) for d in stored]
 
     def verified_pairs(self) -> tuple[PairMatch, ...]:
         """All pairs that passed the geometric verification."""
@@ -149,6 +192,44 @@ class Database:
                 )
             )
         return tuple(found)
+
+    def epipolar_pairs(self) -> tuple[EpipolarPair, ...]:
+        """Verified pairs that have parallax, with their fundamental matrices."""
+        moving = pycolmap.TwoViewGeometryConfiguration.UNCALIBRATED
+        found = []
+        with pycolmap.Database.open(self.path) as database:
+            for pair, geometry in zip(*database.read_two_view_geometries(), strict=True):
+                if geometry.config != int(moving) or geometry.F is None:
+                    continue
+                one, two = pycolmap.pair_id_to_image_pair(pair)
+                matches = np.asarray(geometry.inlier_matches)
+                frame_one, frame_two = self._frame_of(one), self._frame_of(two)
+                fundamental = frame_two.T @ geometry.F @ frame_one
+                first = database.read_keypoints(one)[matches[:, 0], :2].astype(np.float64)
+                second = database.read_keypoints(two)[matches[:, 1], :2].astype(np.float64)
+                found.append(
+                    EpipolarPair(
+                        (self.pictures[one - 1].camera, self.pictures[two - 1].camera),
+                        (first - frame_one[:2, 2]) / frame_one[0, 0],
+                        (second - frame_two[:2, 2]) / frame_two[0, 0],
+                        fundamental / np.linalg.norm(fundamental),
+                        1 / min(self._side(one), self._side(two)),
+                    )
+                )
+        return tuple(found)
+
+    def _frame_of(self, number: int) -> Float64[np.ndarray, "3 3"]:
+        """From shares of the longer side, counted from the middle, to pixels."""
+        picture, side = self.pictures[number - 1], self._side(number)
+        return np.array([[side, 0, picture.width / 2], [0, side, picture.height / 2], [0, 0, 1.0]])
+
+    def set_focal(self, ratios: Mapping[int, float]) -> None:
+        """Where mapping starts from, by camera: multiples of the longer side."""
+        with pycolmap.Database.open(self.path) as database:
+            for number, ratio in ratios.items():
+                camera = database.read_camera(number + 1)
+                camera.focal_length = ratio * max(camera.width, camera.height)
+                database.update_camera(camera)
 
     def _side(self, number: int) -> int:
         picture = self.pictures[number - 1]
@@ -207,6 +288,61 @@ class Database:
         options.mapper.bundle_adjustment.refine_focal_length = recipe.refine_lens
         options.mapper.bundle_adjustment.refine_extra_params = recipe.refine_lens
         return options
+
+
+def residuals(folder: Path) -> Float64[np.ndarray, "n 2"]:
+    """Reprojection errors of all observations of a model, in pixels."""
+    model = pycolmap.Reconstruction(folder)
+    errors = [np.zeros((0, 2))]
+    for number in sorted(model.reg_image_ids()):
+        image = model.image(number)
+        seen = image.get_observation_points2D()
+        if len(seen) == 0:
+            continue
+        xyz = np.array([model.point3D(p.point3D_id).xyz for p in seen])
+        pose = image.cam_from_world().matrix()
+        # the camera refuses points at or behind it: they are far from where they were seen anyway
+        cam = xyz @ pose[:, :3].T + pose[:, 3]
+        ahead = cam[:, 2] > 1e-9
+        xy = np.array([p.xy for p in seen])
+        camera = model.camera(image.camera_id)
+        errors.append(np.asarray(camera.img_from_cam(cam[ahead])) - xy[ahead])
+    return np.concatenate(errors)
+
+
+def adjust(
+    folder: Path, output: Path, loss_scale: float, *, lens: bool, centre: bool = False
+) -> Path:
+    """Bundle adjustment under Cauchy's loss; writes the model to `output` and returns it.
+
+    Parameters
+    ----------
+    loss_scale : float
+        Errors far above this many pixels hardly count.
+    lens : bool
+        Refine focal length and distortion.
+    centre : bool
+        Refine the optical centre.
+    """
+    model = pycolmap.Reconstruction(folder)
+    options = pycolmap.BundleAdjustmentOptions()
+    options.print_summary = False
+    options.refine_focal_length = options.refine_extra_params = lens
+    options.refine_principal_point = centre
+    options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
+    options.ceres.loss_function_scale = loss_scale
+    options.ceres.solver_options.num_threads = 1  # as in mapping: sums must not depend on threads
+    options.ceres.solver_options.max_num_iterations = 50
+    options.ceres.solver_options.function_tolerance = 1e-6
+    config = pycolmap.BundleAdjustmentConfig()
+    for number in sorted(model.reg_image_ids()):
+        config.add_image(number)
+    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    pycolmap.create_default_bundle_adjuster(options, config, model).solve()
+    model.update_point_3d_errors()
+    output.mkdir(parents=True, exist_ok=True)
+    model.write(output)
+    return output
 
 
 def read_model(folder: Path) -> SparseModel:

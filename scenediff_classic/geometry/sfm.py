@@ -5,10 +5,12 @@ go into one reconstruction, because two separate ones would share neither scale 
 """
 
 import hashlib
+import itertools
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -16,7 +18,9 @@ import numpy as np
 from scenediff_classic.errors import AlignmentError, OutputError
 from scenediff_classic.geometry import colmap
 from scenediff_classic.geometry.colmap import Database, read_model
-from scenediff_classic.geometry.pairing import matching_pairs
+from scenediff_classic.geometry.focal import vote_focal
+from scenediff_classic.geometry.pairing import matching_pairs, meets
+from scenediff_classic.geometry.refinement import refine
 from scenediff_classic.geometry.registration import (
     FEW_BRIDGE,
     Quality,
@@ -44,6 +48,9 @@ from scenediff_classic.types import (
     SparsePoints,
     Unregistered,
 )
+
+ADJUSTED = 1
+"""Raised with each change of the last adjustment or the start: finished work is then made anew."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +91,14 @@ TWO_VIEW_LADDER: tuple[Rung, ...] = tuple(
 """For one photo against one photo: the focal length cannot be refined from a single pair."""
 
 
+def learned_ladder(weights: Path, pictures: int) -> tuple[Rung, ...]:
+    """Rungs with learned features in place of SIFT: only the mapping becomes more lenient."""
+    features = FeatureRecipe("aliked", weights=weights)
+    if pictures == 2:
+        return (Rung(features, TWO_VIEW_LADDER[0].mapper),)
+    return tuple(Rung(features, mapper) for mapper in (INCREMENTAL, RELAXED, GLOBAL))
+
+
 @dataclass(frozen=True)
 class StructureFromMotion:
     """Cameras of all frames of both captures in one world frame, by COLMAP.
@@ -100,6 +115,10 @@ class StructureFromMotion:
     """The same seed gives the same cameras."""
     attempts: int = len(LADDER)
     """At most so many rungs of `LADDER` are tried while the result is not good enough."""
+    matcher: Literal["sift", "aliked"] = "sift"
+    """Features: SIFT, or ALIKED with LightGlue (needs `weights` and a pycolmap with ONNX)."""
+    weights: Path | None = None
+    """Folder with aliked-n16rot.onnx and aliked-lightglue.onnx; nothing is ever downloaded."""
 
     def __call__(
         self, before: Capture, after: Capture, workspace: Path, progress: Progress = silent
@@ -113,7 +132,11 @@ class StructureFromMotion:
         ------
         AlignmentError
             If before and after do not end up in one reconstruction; the sentence says why.
+        InputError
+            If learned features are asked for and cannot be used.
         """
+        if self.matcher == "aliked":
+            colmap.check_learned(self.weights)
         frames = (*before.frames, *after.frames)
         _refuse_identical(frames)
         files = SfmWorkspace(workspace)
@@ -128,7 +151,9 @@ class StructureFromMotion:
     def _fingerprint(self, frames: Sequence[Frame]) -> str:
         """Tells whether finished work in the workspace is of the same frames and options."""
         digest = hashlib.blake2b(digest_size=16)
-        options = (self.max_side, self.seed, self.attempts, LADDER, colmap.VERSION)
+        learned = str(self.weights) if self.matcher == "aliked" else None
+        options = (self.max_side, self.seed, self.attempts, LADDER, colmap.VERSION, ADJUSTED)
+        options = (*options, learned)
         digest.update(repr(options).encode())
         for frame in frames:
             digest.update(repr((_name(frame), frame.image.shape, frame.focal_px)).encode())
@@ -141,9 +166,12 @@ class StructureFromMotion:
         """Try rung after rung; keep the best model and the reasons for what it lacks."""
         pictures = _write_pictures(frames, files)
         ladder = TWO_VIEW_LADDER if len(frames) == 2 else LADDER
+        if self.matcher == "aliked" and self.weights is not None:
+            ladder = learned_ladder(self.weights, len(frames))
         tried: list[tuple[Quality, Path]] = []
         log: list[str] = []
         database: Database | None = None
+        recipes: set[str] = set()
         for rung in ladder[: max(self.attempts, 1)]:
             recipe = replace(rung.features, max_side=self.max_side)
             database = self._matched(pictures, recipe, files, progress)
@@ -159,6 +187,10 @@ class StructureFromMotion:
             outcome = "; ".join(str(quality) for quality, _ in found) or "no model"
             log.append(f"{rung.features.name} features, {rung.mapper.name} mapping: {outcome}.")
             if any(quality.complete for quality, _ in found):
+                break
+            recipes.add(rung.features.name)
+            if len(recipes) > 1 and not meets(database.verified_pairs()):
+                log.append("No pair across the captures has real support: later rungs are spared.")
                 break
         assert database is not None
         return _conclude(tried, database, files, log)
@@ -183,11 +215,16 @@ class StructureFromMotion:
             progress("features", start, len(names))
             database.extract(names[start : start + 8], files.masks, recipe)
         captures = [[n for n in names if n.startswith(video)] for video in VIDEOS]
-        pairs = matching_pairs(captures, database, self.seed)
+        pairs = (
+            matching_pairs(captures, database, self.seed)
+            if recipe.weights is None  # signatures are made of SIFT descriptors
+            else list(itertools.combinations(names, 2))
+        )
         for start in range(0, len(pairs), 200):
             progress("matching", start, len(pairs))
             database.match(pairs[start : start + 200], recipe)
         progress("matching", len(pairs), len(pairs))
+        _start_focal(database)
         os.replace(path, final)
         return Database(final, files.images, pictures, self.seed)
 
@@ -220,6 +257,14 @@ class StructureFromMotion:
         )
 
 
+def _start_focal(database: Database) -> None:
+    """Let the matches say where mapping starts from, for cameras without a known focal length."""
+    sides = {p.camera: (p.focal, max(p.width, p.height)) for p in database.pictures}
+    known = {camera: focal / side for camera, (focal, side) in sides.items() if focal is not None}
+    if len(known) < len(sides):
+        database.set_focal(vote_focal(database.epipolar_pairs(), known, tuple(sides)))
+
+
 def _conclude(
     tried: Sequence[tuple[Quality, Path]],
     database: Database,
@@ -232,7 +277,10 @@ def _conclude(
     if not aligned or not has_parallax(pairs):
         reason = failure([quality for quality, _ in tried], features, pairs)
         raise AlignmentError(f"Before and after could not be aligned: {reason}")
-    quality, folder = max(aligned, key=lambda attempt: attempt[0].rank)
+    quality, rough = max(aligned, key=lambda attempt: attempt[0].rank)
+    folder, outcome = refine(rough, files.folder / "refined", lens=len(database.pictures) > 2)
+    if not judge(read_model(folder), quality.total).aligned:
+        folder, outcome = rough, "robust adjustment: not sound, left out"
     warnings = []
     if quality.bridge < FEW_BRIDGE:
         warnings.append(
@@ -245,7 +293,7 @@ def _conclude(
     missing = {picture.name for picture in database.pictures} - posed
     return Record(
         str(folder.relative_to(files.folder)),
-        tuple(log),
+        (*log, f"{outcome[0].upper()}{outcome[1:]}."),
         tuple(warnings),
         {name: frame_reason(name, features, pairs, weak) for name in sorted(missing)},
     )

@@ -1,6 +1,7 @@
 """What goes into COLMAP and what comes out of it, as plain values."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 import cv2
@@ -8,6 +9,9 @@ import numpy as np
 from jaxtyping import Float, Float64
 
 from scenediff_classic.types import Lens, SparsePoints
+
+LOOKED_AT = 300
+"""At most so many matches of a pair are looked at for its motion and parallax."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +43,8 @@ class FeatureRecipe:
     """Match again along the estimated epipolar geometry."""
     max_side: int = 1600
     """Larger pictures are searched at this long side."""
+    weights: Path | None = None
+    """Folder with the weights of ALIKED and LightGlue, to be used instead of SIFT."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +86,21 @@ class SparseModel:
 
 
 @dataclass(frozen=True)
+class EpipolarPair:
+    """Matches of two pictures and their fundamental matrix.
+
+    Positions count from the pictures' middles, as shares of their longer sides.
+    """
+
+    cameras: tuple[int, int]
+    first: Float64[np.ndarray, "n 2"]
+    second: Float64[np.ndarray, "n 2"]
+    fundamental: Float64[np.ndarray, "3 3"]
+    pixel: float
+    """One pixel in this unit: the larger one of the two pictures."""
+
+
+@dataclass(frozen=True)
 class PairMatch:
     """Two pictures and how many of their matches fit one epipolar geometry."""
 
@@ -100,11 +121,16 @@ class PairMatch:
         xy_second: Float[np.ndarray, "n 2"],
     ) -> "PairMatch":
         """Measure matched positions, given as shares of each picture's longer side."""
-        a, b = xy_first.astype(np.float64), xy_second.astype(np.float64)
+        count = len(xy_first)
+        keep = np.linspace(0, count - 1, min(count, LOOKED_AT)).astype(int)
+        a, b = xy_first[keep].astype(np.float64), xy_second[keep].astype(np.float64)
         shift = float(np.median(np.linalg.norm(b - a, axis=1)))
-        homography = cv2.findHomography(a, b, cv2.RANSAC, 0.002)[0] if len(a) >= 4 else None
+        # judged with room for noise: more rounds would only find the same plane again
+        homography = (
+            cv2.findHomography(a, b, cv2.RANSAC, 0.002, maxIters=200)[0] if count >= 4 else None
+        )
         if homography is None:
-            return PairMatch(first, second, len(a), shift, 0.0)
+            return PairMatch(first, second, count, shift, 0.0)
         mapped = cv2.perspectiveTransform(a[None], homography)[0]
         stray = np.percentile(np.linalg.norm(mapped - b, axis=1), 90)
-        return PairMatch(first, second, len(a), shift, float(stray))
+        return PairMatch(first, second, count, shift, float(stray))
