@@ -155,7 +155,11 @@ class Database:
         return max(picture.width, picture.height)
 
     def reconstruct(
-        self, folder: Path, recipe: MapperRecipe, registered: Callable[[int], None]
+        self,
+        folder: Path,
+        recipe: MapperRecipe,
+        registered: Callable[[int], None],
+        names: Sequence[str] = (),
     ) -> tuple[Path, ...]:
         """Compute cameras and points; the folders of the resulting models, largest first.
 
@@ -163,6 +167,8 @@ class Database:
         ----------
         registered : callable
             Called with the number of pictures placed so far in the current model.
+        names : sequence of str
+            The pictures to use (incremental mapping only); all of them if left out.
         """
         folder.mkdir(parents=True, exist_ok=True)
         if recipe.method == "global":
@@ -171,11 +177,13 @@ class Database:
             )
         else:
             counter = itertools.count(2)
+            options = self._incremental_options(recipe)
+            options.image_names = list(names)
             models = pycolmap.incremental_mapping(
                 self.path,
                 self.images,
                 folder,
-                self._incremental_options(recipe),
+                options,
                 next_image_callback=lambda: registered(next(counter)),
             )
         for number, model in models.items():
@@ -227,11 +235,13 @@ def read_model(folder: Path) -> SparseModel:
         PosedPicture(image.name, _lens(image.camera, folder), _matrix(image.cam_from_world()))
         for image in images
     )
-    xyz, rgb, observations = [], [], []
+    found = [np.array([p.xy for p in i.points2D], np.float64).reshape(-1, 2) for i in images]
+    xyz, rgb, observations, features = [], [], [], []
     for number in sorted(model.point3D_ids()):
         point = model.point3D(number)
-        seen = sorted({position[e.image_id] for e in point.track.elements})
-        observations += [(len(xyz), picture) for picture in seen]
+        seen = {position[e.image_id]: e.point2D_idx for e in reversed(point.track.elements)}
+        observations += [(len(xyz), picture) for picture in sorted(seen)]
+        features += [seen[picture] for picture in sorted(seen)]
         xyz.append(point.xyz)
         rgb.append(point.color)
     points = SparsePoints(
@@ -240,11 +250,18 @@ def read_model(folder: Path) -> SparseModel:
         np.array(observations, np.int64).reshape(-1, 2),
     )
     error = model.compute_mean_reprojection_error() if xyz else float("nan")
-    return SparseModel(pictures, points, error)
+    keypoints = [found[o[1]][f] for o, f in zip(observations, features, strict=True)]
+    return SparseModel(
+        pictures,
+        points,
+        error,
+        np.array(keypoints, np.float64).reshape(-1, 2),
+        np.array(features, np.int64),
+    )
 
 
 def write_model(model: SparseModel, folder: Path) -> None:
-    """Write a model in COLMAP's binary format; keypoints are the points' projections."""
+    """Write a model in COLMAP's binary format; unknown keypoints are the points' projections."""
     output = pycolmap.Reconstruction()
     observed = [
         model.points.observations[model.points.observations[:, 1] == n, 0]
@@ -253,6 +270,8 @@ def write_model(model: SparseModel, folder: Path) -> None:
     for number, picture in enumerate(model.pictures, start=1):
         output.add_camera_with_trivial_rig(_camera(picture.lens, number))
         keypoints = _keypoints(model.points.xyz[observed[number - 1]], picture)
+        if model.keypoints is not None:
+            keypoints = model.keypoints[model.points.observations[:, 1] == number - 1]
         image = pycolmap.Image(picture.name, keypoints, number, number)
         pose = pycolmap.Rigid3d(picture.cam_from_world[:3])
         output.add_image_with_trivial_frame(image, pose)

@@ -5,11 +5,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Bool, Float64, Int64
 
-from scenediff_classic.cameras import camera_centre
+from scenediff_classic.cameras import camera_centre, project, source_from_view
 from scenediff_classic.geometry.sparse_model import PairMatch, SparseModel
-from scenediff_classic.types import VIDEOS, SparsePoints, Video
+from scenediff_classic.types import VIDEOS, Placement, SparsePoints, Video
 
 MIN_BRIDGE = 12
 """Points seen by both captures without which they do not count as aligned."""
@@ -27,6 +27,16 @@ MIN_SUPPORT = 12
 """Points without which a picture's camera is a guess; such a picture counts as unregistered."""
 FOCAL_RANGE = (0.25, 6.0)
 """Sane focal lengths, as a multiple of the picture's longer side."""
+HALF_POINTS = 50
+"""So many points are worth half of what any number is worth to a picture's confidence."""
+HALF_SHARED = 12
+"""The same for points that the other capture observes as well."""
+CELLS = 4
+"""Cells along each side of a picture in which its points are sought."""
+FULL_COVER = 0.5
+"""Share of the cells that is as good as all of them."""
+LOW_CONFIDENCE = 0.25
+"""Frames placed with less are named in a warning: two of the shares at half, say."""
 MIN_FEATURES = 40
 """A picture with fewer features can hardly be placed."""
 STILL = 0.002
@@ -107,19 +117,15 @@ def judge(model: SparseModel, total: Mapping[Video, int]) -> Quality:
     )
     after = np.array([video_of(p.name) == "after" for p in model.pictures], bool)
     point, picture = model.points.observations.T
-    seen = np.zeros((len(model.points.xyz), 2), bool)
-    seen[point, after[picture].astype(int)] = True
-    bridging = seen[:, 0] & seen[:, 1]
-    shared = np.bincount(picture[bridging[point]], minlength=len(after)) / np.maximum(
-        support(model), 1
-    )
+    both = bridging(model)
+    shared = np.bincount(picture[both[point]], minlength=len(after)) / np.maximum(support(model), 1)
     focal = [p.lens.intrinsics[0, 0] / max(p.lens.width, p.lens.height) for p in model.pictures]
     plausible = all(FOCAL_RANGE[0] <= f <= FOCAL_RANGE[1] for f in focal)
     return Quality(
         registered={v: registered[v] for v in VIDEOS},
         total=dict(total),
         points=len(model.points.xyz),
-        bridge=int(bridging.sum()),
+        bridge=int(both.sum()),
         overlap=min(float(shared[carried & (after == side)].max(initial=0)) for side in (0, 1)),
         error=model.error,
         angle=ray_angle([camera_centre(p.cam_from_world) for p in model.pictures], model.points),
@@ -138,6 +144,59 @@ def ray_angle(centres: Sequence[Float64[np.ndarray, "3"]], points: SparsePoints)
     starts = np.flatnonzero(np.r_[True, point[1:] != point[:-1]])
     widest = [(g @ g.T).min() for g in np.split(rays, starts[1:])]
     return float(np.degrees(np.median(np.arccos(np.clip(widest, -1, 1)))))
+
+
+def bridging(model: SparseModel) -> Bool[np.ndarray, "n"]:
+    """True for the points that both captures observe."""
+    after = np.array([video_of(p.name) == "after" for p in model.pictures], bool)
+    point, picture = model.points.observations.T
+    seen = np.zeros((len(model.points.xyz), 2), bool)
+    seen[point, after[picture].astype(int)] = True
+    return seen[:, 0] & seen[:, 1]
+
+
+def placements(model: SparseModel) -> tuple[Placement, ...]:
+    """How firmly each picture is placed, in the order of `SparseModel.pictures`.
+
+    The confidence is a product of four shares, each of which grows with one figure alone::
+
+        points / (points + HALF_POINTS)
+        shared / (shared + HALF_SHARED)
+        min(1, cover / FULL_COVER)
+        1 / (1 + (error / MAX_ERROR)^2)
+
+    It says how much holds the camera, in its own capture and to the other one. It cannot say
+    whether that is the right place: repeated things can hold a camera firmly in a wrong one.
+    """
+    both = bridging(model)
+    point, picture = model.points.observations.T
+    return tuple(
+        _placement(model, point[picture == number], number, both)
+        for number in range(len(model.pictures))
+    )
+
+
+def _placement(
+    model: SparseModel, points: Int64[np.ndarray, "k"], number: int, both: Bool[np.ndarray, "n"]
+) -> Placement:
+    posed = model.pictures[number]
+    lens = posed.lens
+    xy, _ = project(model.points.xyz[points], lens.intrinsics, posed.cam_from_world)
+    xy = source_from_view(xy, lens, lens.intrinsics)
+    found = xy
+    if model.keypoints is not None:
+        found = model.keypoints[model.points.observations[:, 1] == number]
+    cells = np.clip(found / [lens.width, lens.height] * CELLS, 0, CELLS - 1).astype(int)
+    cover = len(np.unique(cells, axis=0)) / CELLS**2
+    error = float(np.linalg.norm(xy - found, axis=1).mean()) if len(points) else float("inf")
+    shared = int(both[points].sum())
+    confidence = (
+        len(points) / (len(points) + HALF_POINTS)
+        * shared / (shared + HALF_SHARED)
+        * min(1.0, cover / FULL_COVER)
+        / (1 + (error / MAX_ERROR) ** 2)
+    )  # fmt: skip
+    return Placement(confidence, len(points), shared, cover, error)
 
 
 def weak_pictures(model: SparseModel) -> dict[str, int]:

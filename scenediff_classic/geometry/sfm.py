@@ -15,16 +15,28 @@ import numpy as np
 
 from scenediff_classic.errors import AlignmentError, OutputError
 from scenediff_classic.geometry import colmap
-from scenediff_classic.geometry.colmap import Database, read_model
+from scenediff_classic.geometry.colmap import Database, read_model, write_model
+from scenediff_classic.geometry.laying_over import (
+    AMBIGUOUS,
+    Laying,
+    ground_share,
+    laid_over,
+    layings,
+    looks_of,
+)
 from scenediff_classic.geometry.pairing import matching_pairs
 from scenediff_classic.geometry.registration import (
     FEW_BRIDGE,
+    LOW_CONFIDENCE,
     Quality,
+    bridging,
     failure,
     frame_reason,
     has_parallax,
     judge,
+    placements,
     usable_frames,
+    video_of,
     weak_pictures,
 )
 from scenediff_classic.geometry.sfm_workspace import Record, SfmWorkspace
@@ -43,7 +55,15 @@ from scenediff_classic.types import (
     Geometry,
     SparsePoints,
     Unregistered,
+    View,
 )
+
+_REVISION = 2
+"""Counts changes of what is made of a reconstruction, so that no older one is reused."""
+OWN_FRAMES = 0.8
+"""Share of a capture's frames that must hang together by themselves to judge the joint model."""
+_NAMED = 12
+"""Most frames that a warning names."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +148,7 @@ class StructureFromMotion:
     def _fingerprint(self, frames: Sequence[Frame]) -> str:
         """Tells whether finished work in the workspace is of the same frames and options."""
         digest = hashlib.blake2b(digest_size=16)
-        options = (self.max_side, self.seed, self.attempts, LADDER, colmap.VERSION)
+        options = (self.max_side, self.seed, self.attempts, LADDER, colmap.VERSION, _REVISION)
         digest.update(repr(options).encode())
         for frame in frames:
             digest.update(repr((_name(frame), frame.image.shape, frame.focal_px)).encode())
@@ -193,6 +213,7 @@ class StructureFromMotion:
 
     def _geometry(self, frames: Sequence[Frame], model: SparseModel, record: Record) -> Geometry:
         """Views in the captures' order; observations renumbered to it."""
+        checks = placements(model)
         posed = {
             picture.name: number
             for number, picture in enumerate(model.pictures)
@@ -203,7 +224,8 @@ class StructureFromMotion:
             picture = model.pictures[posed[_name(frame)]]
             rank[posed[picture.name]] = len(views)
             lens = resize_lens(picture.lens, frame.width, frame.height)
-            views.append(make_view(frame, lens, picture.cam_from_world, self.long_side))
+            view = make_view(frame, lens, picture.cam_from_world, self.long_side)
+            views.append(replace(view, placement=checks[posed[picture.name]]))
         points, positions = model.points.observations.T
         kept = rank[positions] >= 0
         observations = np.stack([points[kept], rank[positions][kept]], axis=1)
@@ -215,8 +237,9 @@ class StructureFromMotion:
                 for f in frames
                 if _name(f) not in posed
             ),
-            warnings=record.warnings,
+            warnings=(*record.warnings, *_doubtful(views)),
             log=record.log,
+            bridge=int(bridging(model).sum()),
         )
 
 
@@ -229,6 +252,7 @@ def _conclude(
     """The best attempt, or the error that explains why there is none."""
     features, pairs = database.feature_counts(), database.verified_pairs()
     aligned = [(quality, folder) for quality, folder in tried if quality.aligned]
+    log = list(log)
     if not aligned or not has_parallax(pairs):
         reason = failure([quality for quality, _ in tried], features, pairs)
         raise AlignmentError(f"Before and after could not be aligned: {reason}")
@@ -239,6 +263,26 @@ def _conclude(
             f"Before and after hang together by only {quality.bridge} points: "
             "their alignment may be inaccurate."
         )
+    found = _layings(database, folder, files)
+    if found.ways:
+        shares = f"{len(found.ways[0].pairs)} points agree on the alignment"
+        if len(found.ways) > 1:
+            shares += f", {len(found.ways[1].pairs)} on one other motion ({found.share:.0%})"
+        log.append(f"Captures reconstructed apart and laid over each other: {shares}.")
+    if found.share >= AMBIGUOUS:
+        warning = (
+            "The alignment of before and after is ambiguous: much of the scene moved by one and "
+            f"the same motion ({found.share:.0%} of what both captures show, or all but that), and "
+            "what is reported as moved may be what stayed."
+        )
+        chosen = laid_over(found.before, found.after, found.ways[0])
+        apart = judge(chosen, quality.total)
+        if apart.aligned:  # the joint model may have taken its matches from both, and bent
+            folder = files.folder / "laid-over"
+            write_model(chosen, folder)
+            log.append(f"The captures' own models replace the joint one: {apart}.")
+            warning += " What lies farther away was taken for what stayed."
+        warnings.append(warning)
     model = read_model(folder)
     weak = weak_pictures(model)
     posed = {picture.name for picture in model.pictures} - set(weak)
@@ -248,6 +292,53 @@ def _conclude(
         tuple(log),
         tuple(warnings),
         {name: frame_reason(name, features, pairs, weak) for name in sorted(missing)},
+    )
+
+
+@dataclass(frozen=True)
+class _Layings:
+    """The captures' own models, and the ways to lay them over each other."""
+
+    before: SparseModel
+    after: SparseModel
+    ways: Sequence[Laying]
+
+    @property
+    def share(self) -> float:
+        return ground_share(tuple(self.ways))
+
+
+def _layings(database: Database, folder: Path, files: SfmWorkspace) -> _Layings:
+    """Reconstruct each capture alone from the same matches, as leniently as the joint model."""
+    rung = next((r for r in LADDER if r.name == folder.parent.name), None)
+    names = {v: [p.name for p in database.pictures if video_of(p.name) == v] for v in VIDEOS}
+    empty = SparseModel((), SparsePoints.none(), float("nan"))
+    own = dict.fromkeys(VIDEOS, empty)
+    if rung is None or rung.mapper.method == "global" or min(map(len, names.values())) < 3:
+        return _Layings(empty, empty, ())
+    for video in VIDEOS:
+        target = files.folder / f"{rung.name}-{video}"
+        models = database.reconstruct(target, rung.mapper, lambda n: None, names[video])
+        if models:
+            own[video] = read_model(models[0])
+        if len(own[video].pictures) < OWN_FRAMES * len(names[video]):
+            return _Layings(empty, empty, ())
+    before, after = own["before"], own["after"]
+    looks = looks_of(before, database.descriptors), looks_of(after, database.descriptors)
+    return _Layings(before, after, layings(before, after, *looks, database.seed))
+
+
+def _doubtful(views: Sequence[View]) -> tuple[str, ...]:
+    """One sentence that names the frames whose cameras little holds; none if there are none."""
+    low = [v for v in views if v.placement and v.placement.confidence < LOW_CONFIDENCE]
+    if not low:
+        return ()
+    names = [f"{v.video} {v.index} ({v.placement.confidence:.2f})" for v in low if v.placement]
+    listed = ", ".join(names[:_NAMED]) + (" and more" if len(names) > _NAMED else "")
+    noun = "frame was" if len(low) == 1 else "frames were"
+    return (
+        f"{len(low)} {noun} placed with low confidence, and what is reported there may be "
+        f"misplaced: {listed}.",
     )
 
 

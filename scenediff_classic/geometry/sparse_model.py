@@ -5,7 +5,7 @@ from typing import Literal
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Float, Float64, Int64
 
 from scenediff_classic.types import Lens, SparsePoints
 
@@ -77,6 +77,10 @@ class SparseModel:
     """Observations count positions in `pictures`."""
     error: float
     """Mean reprojection error in pixels; NaN without points."""
+    keypoints: Float64[np.ndarray, "m 2"] | None = None
+    """Where each observation was found in its picture, in pixels; None = not known."""
+    features: Int64[np.ndarray, "m"] | None = None
+    """Which feature of its picture each observation is, as in the database; None = not known."""
 
 
 @dataclass(frozen=True)

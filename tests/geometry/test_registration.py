@@ -5,12 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from scenediff_classic.cameras import project
 from scenediff_classic.geometry.registration import (
+    MAX_ERROR,
     Quality,
     failure,
     frame_reason,
     has_parallax,
     judge,
+    placements,
     ray_angle,
     usable_frames,
     weak_pictures,
@@ -121,6 +124,33 @@ def test_a_camera_that_rests_on_few_points_does_not_count() -> None:
                                      "before/00001.png": 8}  # fmt: skip
     assert judge(sparse, {"before": 2, "after": 1}).registered == {"before": 0, "after": 0}
     assert weak_pictures(full) == {}
+
+
+def test_placements_by_hand() -> None:
+    """The after camera sees 14 points; 13 of them, the first but one included, bridge."""
+    full = model()
+    assert full.keypoints is None
+    after, first, second = placements(full)
+    assert (after.points, after.shared) == (2 + FILLER, 2 + FILLER)
+    assert (first.points, first.shared) == (3 + FILLER, 2 + FILLER)
+    assert (second.points, second.shared) == (2 + FILLER, 1 + FILLER)
+    assert first.cover == 1 / 16  # all points lie in one spot
+    assert first.error_px == 0
+    assert first.confidence == pytest.approx(15 / 65 * 14 / 26 * 0.125)
+    assert second.confidence < first.confidence
+
+
+def test_a_larger_error_lowers_the_confidence() -> None:
+    full = model()
+    xy = np.concatenate(
+        [project(full.points.xyz[[p]], c.lens.intrinsics, c.cam_from_world)[0]
+         for p, k in full.points.observations for c in [full.pictures[k]]]
+    )  # fmt: skip
+    exact = placements(replace(full, keypoints=xy))
+    off = placements(replace(full, keypoints=xy + np.array([MAX_ERROR, 0])))
+    for one, other in zip(exact, off, strict=True):
+        assert other.error_px == pytest.approx(MAX_ERROR)
+        assert other.confidence == pytest.approx(one.confidence / 2)
 
 
 def test_frames_without_features_do_not_count() -> None:
