@@ -9,15 +9,14 @@ import itertools
 # pycolmap's wheel exports zlib symbols of its own: whoever loads it before Python's zlib makes the
 # process abort when zlib is next flushed. Importing zlib first is enough.
 import zlib  # noqa: F401
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pycolmap
-from jaxtyping import Float32, Float64
+from jaxtyping import Float64, UInt8
 
-from scenediff_classic.cameras import project, source_from_view
 from scenediff_classic.errors import InputError
 from scenediff_classic.geometry.sparse_model import (
     EpipolarPair,
@@ -27,6 +26,7 @@ from scenediff_classic.geometry.sparse_model import (
     Picture,
     PosedPicture,
     SparseModel,
+    project_points,
 )
 from scenediff_classic.types import Lens, SparsePoints
 
@@ -34,11 +34,10 @@ pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value
 
 VERSION: str = pycolmap.__version__
 
-
 ALIKED_WEIGHTS, LIGHTGLUE_WEIGHTS = "aliked-n16rot.onnx", "aliked-lightglue.onnx"
 
 
-def check_learned(weights: Path | None) -> None:
+def check_learned(weights: Path) -> None:
     """Make sure that learned features can be used without reaching for the network.
 
     COLMAP's own defaults are addresses from which it would download: only local files are passed.
@@ -48,17 +47,13 @@ def check_learned(weights: Path | None) -> None:
     InputError
         If a file is missing, or this build of pycolmap cannot run it.
     """
-    if weights is None:
-        raise InputError(
-            "The matcher aliked needs a folder with its weights: nothing is downloaded."
-        )
     for name in (ALIKED_WEIGHTS, LIGHTGLUE_WEIGHTS):
         if not (weights / name).is_file():
-            raise InputError(f"{weights / name} is missing: the matcher aliked needs it.")
+            raise InputError(f"{weights / name} is missing: learned features need it.")
     if not hasattr(pycolmap.FeatureExtractionOptions(), "aliked"):
         raise InputError(
-            f"The installed pycolmap {VERSION} was built without ONNX, which the matcher aliked "
-            "needs: use the matcher sift."
+            f"The installed pycolmap {VERSION} was built without ONNX, which learned features "
+            "need: use SIFT instead."
         )
 
 
@@ -112,7 +107,6 @@ class Database:
         options.sift.estimate_affine_shape = recipe.affine
         options.sift.domain_size_pooling = recipe.affine
         if recipe.weights is not None:
-            check_learned(recipe.weights)
             options.type = pycolmap.FeatureExtractorType.ALIKED_N16ROT
             model = str((recipe.weights / ALIKED_WEIGHTS).resolve())
             options.mergedict({"aliked": {"n16rot_model_path": model, "n32_model_path": model}})
@@ -133,7 +127,6 @@ class Database:
         options.guided_matching = recipe.guided
         options.sift.max_ratio = recipe.ratio
         if recipe.weights is not None:
-            check_learned(recipe.weights)
             options.type = pycolmap.FeatureMatcherType.ALIKED_LIGHTGLUE
             model = str((recipe.weights / LIGHTGLUE_WEIGHTS).resolve())
             paths = {"lightglue_model_path": model, "bruteforce_model_path": model}
@@ -157,15 +150,12 @@ class Database:
                 for number, picture in enumerate(self.pictures, start=1)
             }
 
-    def descriptors(self, count: int, seed: int) -> list[Float32[np.ndarray, "_ 128"]]:
-        """Up to `count` random SIFT descriptors of each picture, in COLMAP's 0 to 255 scale."""
-        rng = np.random.default_rng(seed)
+    def descriptors(self, names: Sequence[str]) -> Iterator[UInt8[np.ndarray, "_ 128"]]:
+        """SIFT descriptors of the named pictures, one after the other."""
+        numbers = {picture.name: number for number, picture in enumerate(self.pictures, start=1)}
         with pycolmap.Database.open(self.path) as database:
-            stored = (
-                np.asarray(database.read_descriptors(number).data)
-                for number in range(1, len(self.pictures) + 1)
-            )
-            return [d[rng.permutation(len(d))[:count]].astype(np.float32) for d in stored]
+            for name in names:
+                yield np.asarray(database.read_descriptors(numbers[name]).data)
 
     def verified_pairs(self) -> tuple[PairMatch, ...]:
         """All pairs that passed the geometric verification."""
@@ -236,7 +226,11 @@ class Database:
         return max(picture.width, picture.height)
 
     def reconstruct(
-        self, folder: Path, recipe: MapperRecipe, registered: Callable[[int], None]
+        self,
+        folder: Path,
+        recipe: MapperRecipe,
+        registered: Callable[[int], None],
+        names: Sequence[str] = (),
     ) -> tuple[Path, ...]:
         """Compute cameras and points; the folders of the resulting models, largest first.
 
@@ -244,6 +238,8 @@ class Database:
         ----------
         registered : callable
             Called with the number of pictures placed so far in the current model.
+        names : sequence of str
+            The pictures to use (incremental mapping only); all of them if left out.
         """
         folder.mkdir(parents=True, exist_ok=True)
         if recipe.method == "global":
@@ -252,11 +248,13 @@ class Database:
             )
         else:
             counter = itertools.count(2)
+            options = self._incremental_options(recipe)
+            options.image_names = list(names)
             models = pycolmap.incremental_mapping(
                 self.path,
                 self.images,
                 folder,
-                self._incremental_options(recipe),
+                options,
                 next_image_callback=lambda: registered(next(counter)),
             )
         for number, model in models.items():
@@ -288,26 +286,6 @@ class Database:
         options.mapper.bundle_adjustment.refine_focal_length = recipe.refine_lens
         options.mapper.bundle_adjustment.refine_extra_params = recipe.refine_lens
         return options
-
-
-def residuals(folder: Path) -> Float64[np.ndarray, "n 2"]:
-    """Reprojection errors of all observations of a model, in pixels."""
-    model = pycolmap.Reconstruction(folder)
-    errors = [np.zeros((0, 2))]
-    for number in sorted(model.reg_image_ids()):
-        image = model.image(number)
-        seen = image.get_observation_points2D()
-        if len(seen) == 0:
-            continue
-        xyz = np.array([model.point3D(p.point3D_id).xyz for p in seen])
-        pose = image.cam_from_world().matrix()
-        # the camera refuses points at or behind it: they are far from where they were seen anyway
-        cam = xyz @ pose[:, :3].T + pose[:, 3]
-        ahead = cam[:, 2] > 1e-9
-        xy = np.array([p.xy for p in seen])
-        camera = model.camera(image.camera_id)
-        errors.append(np.asarray(camera.img_from_cam(cam[ahead])) - xy[ahead])
-    return np.concatenate(errors)
 
 
 def adjust(
@@ -363,11 +341,13 @@ def read_model(folder: Path) -> SparseModel:
         PosedPicture(image.name, _lens(image.camera, folder), _matrix(image.cam_from_world()))
         for image in images
     )
-    xyz, rgb, observations = [], [], []
+    found = [np.array([p.xy for p in i.points2D], np.float64).reshape(-1, 2) for i in images]
+    xyz, rgb, observations, features = [], [], [], []
     for number in sorted(model.point3D_ids()):
         point = model.point3D(number)
-        seen = sorted({position[e.image_id] for e in point.track.elements})
-        observations += [(len(xyz), picture) for picture in seen]
+        seen = {position[e.image_id]: e.point2D_idx for e in reversed(point.track.elements)}
+        observations += [(len(xyz), picture) for picture in sorted(seen)]
+        features += [seen[picture] for picture in sorted(seen)]
         xyz.append(point.xyz)
         rgb.append(point.color)
     points = SparsePoints(
@@ -376,11 +356,18 @@ def read_model(folder: Path) -> SparseModel:
         np.array(observations, np.int64).reshape(-1, 2),
     )
     error = model.compute_mean_reprojection_error() if xyz else float("nan")
-    return SparseModel(pictures, points, error)
+    keypoints = [found[o[1]][f] for o, f in zip(observations, features, strict=True)]
+    return SparseModel(
+        pictures,
+        points,
+        error,
+        np.array(keypoints, np.float64).reshape(-1, 2),
+        np.array(features, np.int64),
+    )
 
 
 def write_model(model: SparseModel, folder: Path) -> None:
-    """Write a model in COLMAP's binary format; keypoints are the points' projections."""
+    """Write a model in COLMAP's binary format; unknown keypoints are the points' projections."""
     output = pycolmap.Reconstruction()
     observed = [
         model.points.observations[model.points.observations[:, 1] == n, 0]
@@ -388,7 +375,10 @@ def write_model(model: SparseModel, folder: Path) -> None:
     ]
     for number, picture in enumerate(model.pictures, start=1):
         output.add_camera_with_trivial_rig(_camera(picture.lens, number))
-        keypoints = _keypoints(model.points.xyz[observed[number - 1]], picture)
+        if model.keypoints is None:
+            keypoints = project_points(model.points.xyz[observed[number - 1]], picture)
+        else:
+            keypoints = model.keypoints[model.points.observations[:, 1] == number - 1]
         image = pycolmap.Image(picture.name, keypoints, number, number)
         pose = pycolmap.Rigid3d(picture.cam_from_world[:3])
         output.add_image_with_trivial_frame(image, pose)
@@ -400,13 +390,6 @@ def write_model(model: SparseModel, folder: Path) -> None:
         output.add_point3D(xyz, track, rgb)
     folder.mkdir(parents=True, exist_ok=True)
     output.write(folder)
-
-
-def _keypoints(
-    xyz: Float64[np.ndarray, "n 3"], picture: PosedPicture
-) -> Float64[np.ndarray, "n 2"]:
-    xy, _ = project(xyz, picture.lens.intrinsics, picture.cam_from_world)
-    return source_from_view(xy, picture.lens, picture.lens.intrinsics)
 
 
 def _matrix(pose: pycolmap.Rigid3d) -> Float64[np.ndarray, "4 4"]:

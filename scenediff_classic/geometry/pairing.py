@@ -7,7 +7,6 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from scenediff_classic.geometry.colmap import Database
-from scenediff_classic.geometry.sparse_model import PairMatch
 
 EXHAUSTIVE = 30
 """Up to this many pictures, every pair is matched."""
@@ -18,17 +17,6 @@ SIMILAR = 6
 WORDS = 32
 SAMPLE = 400
 """Descriptors of each picture that make its signature."""
-
-
-MIN_ACROSS = 30
-"""Verified matches that some pair across the captures has after two recipes, if they show one
-place. Measured: 20 at most between different places, 121 and more where later rungs succeed."""
-
-
-def meets(pairs: Sequence[PairMatch]) -> bool:
-    """True if some pair across the captures has real support."""
-    across = [p for p in pairs if p.first.split("/", 1)[0] != p.second.split("/", 1)[0]]
-    return any(p.inliers >= MIN_ACROSS for p in across)
 
 
 def matching_pairs(
@@ -46,7 +34,9 @@ def matching_pairs(
     names = [name for capture in captures for name in capture]
     if len(names) <= EXHAUSTIVE:
         return list(itertools.combinations(names, 2))
-    signatures = _signatures(database.descriptors(SAMPLE, seed), seed)
+    rng = np.random.default_rng(seed)
+    sample = [d[rng.permutation(len(d))[:SAMPLE]] for d in database.descriptors(names)]
+    signatures = _signatures([d.astype(np.float32) for d in sample], seed)
     chosen = similar_pairs(signatures, [len(capture) for capture in captures])
     return [(names[a], names[b]) for a, b in chosen]
 

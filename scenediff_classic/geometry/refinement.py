@@ -4,7 +4,6 @@ The mapper's own adjustment squares every error, so that a few wrong matches and
 bend the cameras. Here errors far above the median count little (Cauchy's loss).
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from scenediff_classic.geometry import colmap
-from scenediff_classic.geometry.sparse_model import SparseModel
+from scenediff_classic.geometry.sparse_model import SparseModel, residuals
 
 LOSS_SCALE = 2.0
 """Errors beyond this many standard deviations lose their weight."""
@@ -58,7 +57,7 @@ class Evidence:
 
 
 def refine(model: Path, output: Path, *, lens: bool) -> tuple[Path, str]:
-    """Adjust a COLMAP model robustly; the folder of the result and a clause for the log.
+    """Adjust a COLMAP model robustly; the folder of the result and a line for the log.
 
     Parameters
     ----------
@@ -69,26 +68,31 @@ def refine(model: Path, output: Path, *, lens: bool) -> tuple[Path, str]:
     lens : bool
         Refine focal length and distortion too, and try a free optical centre.
     """
-    before = colmap.residuals(model)
+    before = _errors(colmap.read_model(model))
     if len(before) == 0:
-        return model, "no points to refine"
+        return model, "No points to refine."
     loss_scale = max(LOSS_SCALE * spread(before), 1e-3)
     fixed = colmap.adjust(model, output / "fixed", loss_scale, lens=lens)
-    errors = colmap.residuals(fixed)
-    clause = f"robust adjustment: median error {_median(before):.2f} to {_median(errors):.2f} px"
+    errors = _errors(colmap.read_model(fixed))
+    line = f"Robust adjustment: median error {_median(before):.2f} to {_median(errors):.2f} px"
     if not lens:
-        return fixed, clause
+        return fixed, f"{line}."
     free = colmap.adjust(fixed, output / "free", loss_scale, lens=True, centre=True)
-    shift = max(_shifts(colmap.read_model(free)).values())
-    evidence = Evidence.weigh(errors, colmap.residuals(free), loss_scale, shift)
-    if not evidence.convincing:
-        return fixed, clause
-    return free, f"{clause}; optical centre {shift:.1%} of the longer side off the middle"
+    freed = colmap.read_model(free)
+    shift = _largest_shift(freed)
+    if not Evidence.weigh(errors, _errors(freed), loss_scale, shift).convincing:
+        return fixed, f"{line}."
+    return free, f"{line}; optical centre {shift:.1%} of the longer side off the middle."
 
 
 def spread(errors: Float64[np.ndarray, "n 2"]) -> float:
     """Standard deviation of one coordinate, as the median tells it."""
     return float(np.median(np.abs(errors)) / 0.6745)
+
+
+def _errors(model: SparseModel) -> Float64[np.ndarray, "n 2"]:
+    errors = residuals(model)
+    return errors[np.isfinite(errors).all(axis=1)]
 
 
 def _median(errors: Float64[np.ndarray, "n 2"]) -> float:
@@ -99,15 +103,10 @@ def _cauchy(errors: Float64[np.ndarray, "n 2"], scale: float) -> float:
     return float(scale**2 * np.log1p((errors**2).sum(axis=1) / scale**2).sum())
 
 
-def _shifts(model: SparseModel) -> Mapping[str, float]:
-    """Distance of each picture's optical centre from its middle, as a share of the longer side."""
-    return {
-        p.name: float(
-            np.hypot(
-                p.lens.intrinsics[0, 2] - p.lens.width / 2,
-                p.lens.intrinsics[1, 2] - p.lens.height / 2,
-            )
-            / max(p.lens.width, p.lens.height)
-        )
-        for p in model.pictures
-    }
+def _largest_shift(model: SparseModel) -> float:
+    """Of an optical centre from its picture's middle, as a share of the longer side."""
+    shifts = []
+    for lens in (picture.lens for picture in model.pictures):
+        shift = lens.intrinsics[:2, 2] - np.array([lens.width, lens.height]) / 2
+        shifts.append(float(np.hypot(*shift)) / max(lens.width, lens.height))
+    return max(shifts)

@@ -6,8 +6,9 @@ from typing import Literal
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Float, Float64, Int64
 
+from scenediff_classic.cameras import project, source_from_view
 from scenediff_classic.types import Lens, SparsePoints
 
 LOOKED_AT = 300
@@ -83,6 +84,29 @@ class SparseModel:
     """Observations count positions in `pictures`."""
     error: float
     """Mean reprojection error in pixels; NaN without points."""
+    keypoints: Float64[np.ndarray, "m 2"] | None = None
+    """Where each observation was found in its picture, in pixels; None = not known."""
+    features: Int64[np.ndarray, "m"] | None = None
+    """Which feature of its picture each observation is, as in the database; None = not known."""
+
+
+def project_points(
+    xyz: Float64[np.ndarray, "n 3"], picture: PosedPicture
+) -> Float64[np.ndarray, "n 2"]:
+    """Pixels at which a picture sees world points, distortion included; NaN behind the camera."""
+    xy, _ = project(xyz, picture.lens.intrinsics, picture.cam_from_world)
+    return source_from_view(xy, picture.lens, picture.lens.intrinsics)
+
+
+def residuals(model: SparseModel) -> Float64[np.ndarray, "m 2"]:
+    """Reprojection error of each observation, in pixels; NaN if the point is behind the camera."""
+    assert model.keypoints is not None
+    errors = -model.keypoints
+    point, picture = model.points.observations.T
+    for number, posed in enumerate(model.pictures):
+        here = picture == number
+        errors[here] += project_points(model.points.xyz[point[here]], posed)
+    return errors
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,7 @@ import numpy as np
 
 from scenediff_classic.geometry import pairing
 from scenediff_classic.geometry.colmap import Database
-from scenediff_classic.geometry.pairing import matching_pairs, meets, similar_pairs
-from scenediff_classic.geometry.sparse_model import PairMatch
+from scenediff_classic.geometry.pairing import matching_pairs, similar_pairs
 
 
 def walk(count: int) -> np.ndarray:
@@ -56,11 +55,3 @@ def test_signatures_are_alike_for_like_pictures() -> None:
     np.testing.assert_allclose(np.linalg.norm(signatures, axis=1), 1, atol=1e-5)
     likeness = signatures[:3] @ signatures[3:].T
     assert (likeness.argmax(axis=1) == [0, 1, 2]).all()
-
-
-def test_only_matches_across_captures_are_support() -> None:
-    within = PairMatch("before/0", "before/1", 400, 0.1, 0.02)
-    weak = PairMatch("before/0", "after/1", 17, 0.1, 0.02)
-    strong = PairMatch("before/0", "after/1", 121, 0.1, 0.02)
-    assert not meets([within, weak])
-    assert meets([within, weak, strong])
