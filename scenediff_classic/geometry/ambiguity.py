@@ -1,22 +1,22 @@
 """Is there another way to lay the captures over each other than the one that was found?
 
-Each capture is reconstructed alone, from the same matches, and all rigid motions between the two
-models are counted (`laying_over`). A strong second one means that much of the scene moved as one.
+Each capture is reconstructed alone, from the same matches, and the two models are laid over each
+other in all possible ways (`alignments`). A strong second one means that much moved as one.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from scenediff_classic.geometry.colmap import Database, read_model, write_model
-from scenediff_classic.geometry.ladder import Rung
-from scenediff_classic.geometry.laying_over import (
+from scenediff_classic.geometry.alignments import (
     AMBIGUOUS,
+    alignments,
     ground_share,
-    laid_over,
-    layings,
+    join,
     looks_of,
 )
+from scenediff_classic.geometry.colmap import Database, read_model, write_model
+from scenediff_classic.geometry.ladder import Rung
 from scenediff_classic.geometry.registration import judge, video_of
 from scenediff_classic.geometry.sparse_model import SparseModel
 from scenediff_classic.types import VIDEOS, Video
@@ -37,7 +37,9 @@ class Verdict:
     warnings: tuple[str, ...] = ()
 
 
-def doubt(database: Database, rung: Rung, folder: Path, usable: Mapping[Video, int]) -> Verdict:
+def check_alignment(
+    database: Database, rung: Rung, folder: Path, usable: Mapping[Video, int]
+) -> Verdict:
     """Look for a second way to lay the captures over each other.
 
     Parameters
@@ -54,7 +56,7 @@ def doubt(database: Database, rung: Rung, folder: Path, usable: Mapping[Video, i
         return Verdict()
     before, after = own
     looks = [looks_of(m, database.descriptors([p.name for p in m.pictures])) for m in own]
-    ways = layings(before, after, looks[0], looks[1], database.seed)
+    ways = alignments(before, after, looks[0], looks[1], database.seed)
     if not ways:
         return Verdict()
     share = ground_share(ways)
@@ -70,14 +72,14 @@ def doubt(database: Database, rung: Rung, folder: Path, usable: Mapping[Video, i
         f"same motion ({share:.0%} of what both captures show, or all but that), and what is "
         "reported as moved may be what stayed."
     )
-    joined = laid_over(before, after, ways[0])
-    quality = judge(joined, usable)
+    joint = join(before, after, ways[0])
+    quality = judge(joint, usable)
     if not quality.aligned:
         return Verdict(None, log, (warning,))
     # the joint model took its matches from what stayed and from what moved, and may be bent
-    write_model(joined, folder / "laid-over")
+    write_model(joint, folder / "joined")
     return Verdict(
-        folder / "laid-over",
+        folder / "joined",
         (*log, f"The captures' own models replace the joint one: {quality}."),
         (f"{warning} What lies farther away was taken for what stayed.",),
     )

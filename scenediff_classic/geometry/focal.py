@@ -26,6 +26,7 @@ PAIRS = 10
 MATCHES = 150
 """At most so many matches of a pair are looked at."""
 MIN_MATCHES = 20
+"""A pair with fewer does not vote."""
 INFLATION = 8.0
 """Errors of one pair are not independent: its evidence counts this many times less."""
 VETO = 4.0

@@ -25,6 +25,7 @@ MIN_SHIFT = 0.02
 """How far (share of the longer side) the centre must move to be believed. Without reason it drifts
 by up to 0.006 on rendered photos and 0.013 on RedKitchen; templeRing's is 0.029."""
 MAX_SHIFT = 0.25
+"""Farther than this, the adjustment ran away."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,7 @@ def refine(model: Path, output: Path, *, lens: bool) -> tuple[Path, str]:
     before = _errors(colmap.read_model(model))
     if len(before) == 0:
         return model, "No points to refine."
-    loss_scale = max(LOSS_SCALE * spread(before), 1e-3)
+    loss_scale = max(LOSS_SCALE * spread(before), 1e-3)  # exact keypoints have no spread
     fixed = colmap.adjust(model, output / "fixed", loss_scale, lens=lens)
     errors = _errors(colmap.read_model(fixed))
     line = f"Robust adjustment: median error {_median(before):.2f} to {_median(errors):.2f} px"

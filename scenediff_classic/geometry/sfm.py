@@ -13,7 +13,7 @@ import numpy as np
 
 from scenediff_classic.errors import AlignmentError
 from scenediff_classic.geometry import colmap
-from scenediff_classic.geometry.ambiguity import doubt
+from scenediff_classic.geometry.ambiguity import check_alignment
 from scenediff_classic.geometry.colmap import Database, read_model
 from scenediff_classic.geometry.ladder import LADDER, Rung, ladder
 from scenediff_classic.geometry.matching import matched
@@ -115,7 +115,7 @@ class StructureFromMotion:
     def _register(
         self, pictures: tuple[Picture, ...], files: SfmWorkspace, progress: Progress
     ) -> Record:
-        """Climb the ladder, refine the best attempt, and look for doubt about its alignment."""
+        """Climb the ladder, refine the best attempt, check that its alignment is the only one."""
         attempts, database, log = self._climb(pictures, files, progress)
         features, pairs = database.feature_counts(), database.verified_pairs()
         aligned = [attempt for attempt in attempts if attempt.quality.aligned]
@@ -130,7 +130,7 @@ class StructureFromMotion:
         if not quality.aligned:
             folder, outcome, quality = best.folder, "Robust adjustment left out.", best.quality
 
-        verdict = doubt(database, best.rung, files.folder / "apart", usable)
+        verdict = check_alignment(database, best.rung, files.folder / "apart", usable)
         folder = verdict.model or folder
         model = read_model(folder)
         weak = weak_pictures(model)

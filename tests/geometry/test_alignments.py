@@ -7,11 +7,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from scenediff_classic.cameras import camera_centre, project
-from scenediff_classic.geometry.laying_over import (
+from scenediff_classic.geometry.alignments import (
     AMBIGUOUS,
+    alignments,
     ground_share,
-    laid_over,
-    layings,
+    join,
     looks_of,
 )
 from scenediff_classic.geometry.sparse_model import PosedPicture, SparseModel
@@ -70,7 +70,7 @@ def scene(moved: int, room: int = 150) -> tuple[SparseModel, SparseModel, np.nda
 
 
 def test_nothing_moved_is_one_way_only() -> None:
-    ways = layings(*scene(0))
+    ways = alignments(*scene(0))
     assert len(ways) == 1
     np.testing.assert_allclose(ways[0].motion, WORLD, atol=1e-6)
     assert ground_share(ways) == 0
@@ -79,7 +79,7 @@ def test_nothing_moved_is_one_way_only() -> None:
 @pytest.mark.parametrize("moved", [60, 150, 400])
 def test_the_room_is_told_from_what_moved_and_both_are_reported(moved: int) -> None:
     """Also where what moved has most of the points."""
-    room, things = layings(*scene(moved))
+    room, things = alignments(*scene(moved))
     np.testing.assert_allclose(room.motion, WORLD, atol=1e-6)
     np.testing.assert_allclose(things.motion, MOVE @ WORLD, atol=1e-6)
     assert len(room.pairs) >= 148
@@ -94,7 +94,7 @@ def test_a_single_moved_thing_is_not_ambiguous() -> None:
     for model in (before, after):
         middle = model.points.xyz[150:].mean(axis=0)
         model.points.xyz[150:] += 0.85 * (middle - model.points.xyz[150:])
-    room, thing = layings(before, after, *looks)
+    room, thing = alignments(before, after, *looks)
     np.testing.assert_allclose(room.motion, WORLD, atol=1e-6)
     assert len(thing.pairs) == 20
     assert ground_share((room, thing)) < AMBIGUOUS
@@ -103,16 +103,16 @@ def test_a_single_moved_thing_is_not_ambiguous() -> None:
 def test_looks_that_mean_nothing_lay_nothing_over_each_other() -> None:
     before, after, first, second = scene(60)
     rng = np.random.default_rng(1)
-    assert layings(before, after, first, second[rng.permutation(len(second))]) == ()
+    assert alignments(before, after, first, second[rng.permutation(len(second))]) == ()
     points = after.points
     two = SparsePoints(points.xyz[:2], points.rgb[:2], points.observations[:8])
-    assert layings(before, replace(after, points=two), first, second[:2]) == ()
+    assert alignments(before, replace(after, points=two), first, second[:2]) == ()
 
 
-def test_laid_over_models_are_one_in_the_world_of_the_second() -> None:
+def test_joined_models_are_one_in_the_world_of_the_second() -> None:
     before, after, *looks = scene(60)
-    room = layings(before, after, *looks)[0]
-    joint = laid_over(before, after, room)
+    room = alignments(before, after, *looks)[0]
+    joint = join(before, after, room)
     assert [p.name for p in joint.pictures] == sorted(p.name for p in joint.pictures)
     for k, x in enumerate((-0.6, -0.2, 0.2, 0.6)):
         for number, y in ((k, 0.1), (4 + k, 0.0)):

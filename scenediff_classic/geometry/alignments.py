@@ -27,15 +27,19 @@ _GRID = 12
 _MOST = 4000
 """Points of each capture that are compared at most: those that most pictures see."""
 _TRIALS = 40000
+"""Three pairs each, drawn at random."""
 _KEPT = 600
 """Trials that span triangles of one shape; only they are tried on all pairs."""
+_WIDE = 0.1
+"""Shortest side of such a triangle, as a share of the median distance from the middle."""
 _STRETCH = 0.06
 """Largest relative difference in shape of two triangles."""
 _CHUNK = 40
+"""Trials that are tried at once: a matter of memory alone."""
 
 
 @dataclass(frozen=True)
-class Laying:
+class Alignment:
     """One way to lay before over after."""
 
     motion: Float64[np.ndarray, "4 4"]
@@ -48,20 +52,20 @@ class Laying:
     """Median depth at which the pictures see them, as a multiple of that of all points."""
 
 
-def ground_share(layings: tuple[Laying, ...]) -> float:
+def ground_share(ways: tuple[Alignment, ...]) -> float:
     """Part of the weaker way in the ground of both, 0 to 0.5."""
-    if len(layings) < 2:
+    if len(ways) < 2:
         return 0.0
-    return min(way.ground for way in layings) / max(sum(way.ground for way in layings), 1)
+    return min(way.ground for way in ways) / max(sum(way.ground for way in ways), 1)
 
 
-def layings(
+def alignments(
     before: SparseModel,
     after: SparseModel,
     looks_before: Float32[np.ndarray, "n d"],
     looks_after: Float32[np.ndarray, "m d"],
     seed: int = 0,
-) -> tuple[Laying, ...]:
+) -> tuple[Alignment, ...]:
     """The best way to lay before over after, and the best one of what is left; likelier first.
 
     The likelier one has more ground; but if that leaves it open (`AMBIGUOUS`), it is the one whose
@@ -86,11 +90,11 @@ def layings(
         ground = _ground(before, kept[:, 0]) + _ground(after, kept[:, 1])
         sides = ((before, kept[:, 0]), (after, kept[:, 1]))
         depth = float(np.mean([_relative_depth(model, points) for model, points in sides]))
-        found.append(Laying(motion, kept, ground, depth))
+        found.append(Alignment(motion, kept, ground, depth))
         near = pairs[test.follows(motion[None], 2.0)[0]]
         free[0][near[:, 0]] = free[1][near[:, 1]] = False
-    open_ = ground_share(tuple(found)) >= AMBIGUOUS
-    return tuple(sorted(found, key=lambda way: -way.depth if open_ else -way.ground))
+    unclear = ground_share(tuple(found)) >= AMBIGUOUS
+    return tuple(sorted(found, key=lambda way: -way.depth if unclear else -way.ground))
 
 
 def looks_of(
@@ -135,10 +139,10 @@ def _alike(
     return np.stack([first[mutual], second[best[mutual]]], axis=1)
 
 
-def laid_over(before: SparseModel, after: SparseModel, laying: Laying) -> SparseModel:
+def join(before: SparseModel, after: SparseModel, alignment: Alignment) -> SparseModel:
     """Both models in the world of the after model; points that fall onto each other are one."""
-    scale = np.cbrt(np.linalg.det(laying.motion[:3, :3]))
-    turn, shift = laying.motion[:3, :3] / scale, laying.motion[:3, 3]
+    scale = np.cbrt(np.linalg.det(alignment.motion[:3, :3]))
+    turn, shift = alignment.motion[:3, :3] / scale, alignment.motion[:3, 3]
     moved = []
     for picture in before.pictures:
         pose = np.eye(4)
@@ -146,10 +150,10 @@ def laid_over(before: SparseModel, after: SparseModel, laying: Laying) -> Sparse
         pose[:3, 3] = scale * picture.cam_from_world[:3, 3] - pose[:3, :3] @ shift
         moved.append(replace(picture, cam_from_world=pose))
     number = len(after.points.xyz) + np.arange(len(before.points.xyz))
-    number[laying.pairs[:, 0]] = laying.pairs[:, 1]
-    xyz = np.concatenate([after.points.xyz, _carried(before.points.xyz, laying.motion)])
-    xyz[laying.pairs[:, 1]] += xyz[len(after.points.xyz) + laying.pairs[:, 0]]
-    xyz[laying.pairs[:, 1]] /= 2
+    number[alignment.pairs[:, 0]] = alignment.pairs[:, 1]
+    xyz = np.concatenate([after.points.xyz, _carried(before.points.xyz, alignment.motion)])
+    xyz[alignment.pairs[:, 1]] += xyz[len(after.points.xyz) + alignment.pairs[:, 0]]
+    xyz[alignment.pairs[:, 1]] /= 2
     point, picture = before.points.observations.T
     moved_observations = np.stack([number[point], picture + len(after.pictures)], axis=1)
     observations = np.concatenate([after.points.observations, moved_observations])
@@ -259,7 +263,7 @@ def _triples(test: _Test, rng: np.random.Generator) -> Iterable[Int64[np.ndarray
         for x in (test.before, test.after)
     )
     size = np.median(np.linalg.norm(test.before - np.median(test.before, axis=0), axis=1))
-    wide = (a > 0.1 * size).all(axis=1) & (b > 0).all(axis=1)
+    wide = (a > _WIDE * size).all(axis=1) & (b > 0).all(axis=1)
     ratio = b[wide] / a[wide]
     fits = ratio.max(axis=1) <= (1 + _STRETCH) * ratio.min(axis=1)
     kept = drawn[wide][fits][:_KEPT]
