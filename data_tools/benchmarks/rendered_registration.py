@@ -45,7 +45,7 @@ class RenderedRegistration:
     pairs: tyro.conf.Positional[tuple[Path, ...]]
     """Folders of rendered pairs."""
     every: int = 1
-    """Use every so-manieth frame only: fewer frames hang together less well."""
+    """Use every n-th frame only: fewer frames hang together less well."""
     seed: int = 0
 
     def __call__(self) -> Table:
