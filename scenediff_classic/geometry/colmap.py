@@ -34,6 +34,11 @@ pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value
 
 VERSION: str = pycolmap.__version__
 
+MANY = 30
+"""Above so many pictures, mapping adjusts all cameras less often and less finely, since each
+picture then changes little and a last adjustment follows. Measured on 80 + 80 rendered pictures:
+13 instead of 26 s, the same error after the last adjustment."""
+
 ALIKED_WEIGHTS, LIGHTGLUE_WEIGHTS = "aliked-n16rot.onnx", "aliked-lightglue.onnx"
 
 
@@ -276,6 +281,10 @@ class Database:
         options.triangulation.ignore_two_view_tracks = not recipe.two_view_points
         options.ba_refine_focal_length = recipe.refine_lens
         options.ba_refine_extra_params = recipe.refine_lens
+        if len(self.pictures) > MANY:
+            options.ba_global_frames_ratio = options.ba_global_points_ratio = 1.3
+            options.ba_global_function_tolerance = options.ba_local_function_tolerance = 1e-5
+            options.ba_global_max_refinements, options.ba_local_max_refinements = 2, 1
         return options
 
     def _global_options(self, recipe: MapperRecipe) -> pycolmap.GlobalPipelineOptions:
