@@ -17,6 +17,7 @@ from scenediff_classic.geometry.alignments import (
 )
 from scenediff_classic.geometry.colmap import Database, read_model, write_model
 from scenediff_classic.geometry.ladder import Rung
+from scenediff_classic.geometry.refinement import refine
 from scenediff_classic.geometry.registration import judge, video_of
 from scenediff_classic.geometry.sparse_model import SparseModel
 from scenediff_classic.types import VIDEOS, Video
@@ -72,14 +73,14 @@ def check_alignment(
         f"same motion ({share:.0%} of what both captures show, or all but that), and what is "
         "reported as moved may be what stayed."
     )
-    joint = join(before, after, ways[0])
-    quality = judge(joint, usable)
+    # the joint model took its matches from what stayed and from what moved, and may be bent
+    write_model(join(before, after, ways[0]), folder / "joined")
+    model, _ = refine(folder / "joined", folder / "joined-refined", lens=False)
+    quality = judge(read_model(model), usable)
     if not quality.aligned:
         return Verdict(None, log, (warning,))
-    # the joint model took its matches from what stayed and from what moved, and may be bent
-    write_model(joint, folder / "joined")
     return Verdict(
-        folder / "joined",
+        model,
         (*log, f"The captures' own models replace the joint one: {quality}."),
         (f"{warning} What lies farther away was taken for what stayed.",),
     )
@@ -97,8 +98,11 @@ def _own_models(
     found = []
     for video, pictures in zip(VIDEOS, names, strict=True):
         models = database.reconstruct(folder / video, rung.mapper, lambda n: None, pictures)
-        own = read_model(models[0]) if models else None
-        if own is None or len(own.pictures) < OWN_FRAMES * len(pictures):
+        if not models:
+            return None
+        refined, _ = refine(models[0], folder / f"{video}-refined", lens=True)
+        own = read_model(refined)
+        if len(own.pictures) < OWN_FRAMES * len(pictures):
             return None
         found.append(own)
     before, after = found
