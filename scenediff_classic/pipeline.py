@@ -80,7 +80,8 @@ def detect_changes(
     """
     clock = _Clock()
     with clock.stage("geometry"), _folder(workspace) as folder:
-        geometry = normalised(config.geometry(before, after, folder, progress))
+        estimated = config.geometry(before, after, folder, progress)
+        geometry = normalised(estimated)
     _require_both(geometry)
     with clock.stage("regions"):
         regions = []
@@ -104,8 +105,10 @@ def detect_changes(
         threshold=threshold if described else None,
         scale=geometry.unit,
         warnings=(*before.warnings, *after.warnings, *geometry.warnings),
+        bridge=geometry.bridge,
     )
-    world = rescaled(geometry, 1 / geometry.unit)
+    # never back from the unit's world: that would leave rounding noise in every camera
+    world = estimated if estimated.unit == 1 else rescaled(estimated, 1 / estimated.unit)
     return result, Evidence(world, scores.maps, scores.pairs, clock.seconds)
 
 
@@ -120,7 +123,7 @@ def _require_both(geometry: Geometry) -> None:
 
 def _info(capture: Capture, geometry: Geometry) -> VideoInfo:
     left_out = {(u.video, u.index): u.reason for u in geometry.unregistered}
-    registered = {v.key for v in geometry.views}
+    placed = {v.key: v.placement for v in geometry.views}
     frames = tuple(
         FrameInfo(
             index=f.index,
@@ -128,8 +131,9 @@ def _info(capture: Capture, geometry: Geometry) -> VideoInfo:
             time_s=f.time_s,
             width=f.width,
             height=f.height,
-            registered=(f.video, f.index) in registered,
+            registered=(f.video, f.index) in placed,
             reason=left_out.get((f.video, f.index)),
+            placement=placed.get((f.video, f.index)),
         )
         for f in capture.frames
     )

@@ -64,6 +64,22 @@ class Lens:
 
 
 @dataclass(frozen=True)
+class Placement:
+    """How firmly structure from motion placed a frame among the others."""
+
+    confidence: float
+    """Trust in the camera, 0 to 1: from the figures below (see `geometry.placement`)."""
+    points: int
+    """Points of the sparse model that the frame observes."""
+    shared: int
+    """Those among them that the other capture observes as well: the inliers of the alignment."""
+    cover: float
+    """Share of the picture's 4 x 4 cells that hold one of its points."""
+    error_px: float
+    """Mean reprojection error of its points, in pixels of the picture in which they were found."""
+
+
+@dataclass(frozen=True)
 class View:
     """A registered frame: undistorted picture at working size, camera, depth."""
 
@@ -82,6 +98,8 @@ class View:
     ignore: Bool[np.ndarray, "h w"]
     """True for dynamic content and for pixels outside the input picture."""
     lens: Lens
+    placement: Placement | None = None
+    """None where the camera was given, not found."""
 
     @property
     def key(self) -> tuple[Video, int]:
@@ -132,6 +150,8 @@ class Geometry:
     """What was tried, in order, and how it went: one sentence each."""
     unit: float = 1.0
     """World length of one unit here: multiply lengths by it to get back to the source's world."""
+    bridge: int | None = None
+    """Points seen from both captures: what aligns them. None where cameras were given."""
 
     def of(self, video: Video) -> tuple[View, ...]:
         """The views of one capture, by frame index."""
@@ -215,6 +235,8 @@ class FrameInfo:
     height: int
     registered: bool
     reason: str | None
+    placement: Placement | None = None
+    """None for a frame that was left out, and where cameras were given."""
 
 
 @dataclass(frozen=True)
@@ -237,6 +259,8 @@ class ChangeResult:
     scale: float
     """World length of one normalised unit (see `Geometry.unit`)."""
     warnings: tuple[str, ...] = ()
+    bridge: int | None = None
+    """See `Geometry.bridge`."""
 
 
 @dataclass(frozen=True)

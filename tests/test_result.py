@@ -25,6 +25,7 @@ from scenediff_classic.types import (
     ChangeResult,
     FrameInfo,
     ObjectView,
+    Placement,
     TermScores,
     VideoInfo,
 )
@@ -56,6 +57,9 @@ def drawn_frame(draw: Draw, index: int) -> FrameInfo:
         draw(st.integers(1, 9)),
         registered,
         None if registered else draw(text),
+        Placement(draw(share), 9, draw(st.integers(0, 9)), draw(share), draw(positive))
+        if registered and draw(st.booleans())
+        else None,
     )
 
 
@@ -97,6 +101,7 @@ def drawn_result(draw: Draw) -> ChangeResult:
         draw(st.none() | finite),
         draw(positive),
         tuple(draw(st.lists(text, max_size=2))),
+        draw(st.none() | st.integers(0, 9)),
     )
 
 
@@ -109,10 +114,11 @@ def one_object() -> ChangeResult:
         0, "added", 0.9, None, (0.1234567, 2.0, -3.0), None, (0.5, 0.25, 1.0),
         TermScores(0.2, 0.4, 0.1), (view,),
     )  # fmt: skip
-    frame = FrameInfo(0, "a\udcff.jpg", None, 4, 3, True, None)
+    placement = Placement(0.5, 80, 20, 0.25, 0.7)
+    frame = FrameInfo(0, "a\udcff.jpg", None, 4, 3, True, None, placement)
     lost = FrameInfo(0, "küche#0", 1.0000004, 4, 3, False, "too dark")
     return ChangeResult(
-        VideoInfo("old.mp4", (lost,)), VideoInfo("new", (frame,)), (item,), 0.31, 2.5, ("dim",)
+        VideoInfo("old.mp4", (lost,)), VideoInfo("new", (frame,)), (item,), 0.31, 2.5, ("dim",), 20
     )
 
 
@@ -124,7 +130,7 @@ GOLDEN = {
             "frames": [
                 {
                     "index": 0, "name": "küche#0", "time_s": 1.0, "width": 4, "height": 3,
-                    "registered": False, "reason": "too dark",
+                    "registered": False, "reason": "too dark", "placement": None,
                 }
             ],
         },
@@ -134,6 +140,10 @@ GOLDEN = {
                 {
                     "index": 0, "name": "a\udcff.jpg", "time_s": None, "width": 4, "height": 3,
                     "registered": True, "reason": None,
+                    "placement": {
+                        "confidence": 0.5, "points": 80, "shared": 20, "cover": 0.25,
+                        "error_px": 0.7,
+                    },
                 }
             ],
         },
@@ -164,6 +174,7 @@ GOLDEN = {
     "threshold": 0.31,
     "scale": 2.5,
     "warnings": ["dim"],
+    "bridge": 20,
 }  # fmt: skip
 
 
@@ -177,6 +188,20 @@ def test_the_contract_field_by_field(tmp_path: Path) -> None:
 def test_the_schema_is_valid_and_accepts_the_golden_file() -> None:
     jsonschema.Draft202012Validator.check_schema(SCHEMA)
     jsonschema.validate(GOLDEN, SCHEMA)
+
+
+def test_files_of_earlier_versions_are_read(tmp_path: Path) -> None:
+    """They say nothing of how firmly frames are placed."""
+    old = copy.deepcopy(GOLDEN)
+    del old["bridge"]
+    for video in old["videos"].values():
+        for frame in video["frames"]:
+            del frame["placement"]
+    jsonschema.validate(old, SCHEMA)
+    (tmp_path / "changes.json").write_text(json.dumps(old), "utf-8")
+    result = read_result(tmp_path / "changes.json")
+    assert result.bridge is None
+    assert result.after.frames[0].placement is None
 
 
 def test_the_documentation_names_every_field() -> None:
@@ -223,7 +248,10 @@ FIELDS = [path for path in paths_of(GOLDEN) if path and isinstance(path[-1], str
 @pytest.mark.parametrize("path", FIELDS, ids=lambda p: ".".join(map(str, p)))
 def test_every_field_is_required_and_typed(path: tuple, tmp_path: Path) -> None:
     file = tmp_path / "changes.json"
-    for document in (without(path), with_value(path, {"foreign": True})):
+    documents = [with_value(path, {"foreign": True})]
+    if path[-1] not in ("bridge", "placement"):  # see test_files_of_earlier_versions_are_read
+        documents.append(without(path))
+    for document in documents:
         assert not jsonschema.Draft202012Validator(SCHEMA).is_valid(document)
         file.write_text(json.dumps(document), "utf-8")
         with pytest.raises(InputError) as caught:

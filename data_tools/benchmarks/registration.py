@@ -25,6 +25,8 @@ from scenediff_classic.video import read_capture
 
 VIDEO_RATE = 30.0
 """Frames a second of the 7-Scenes videos: their pose lists count frames."""
+MAX_STRETCH = 0.01
+"""Known rotations may stretch by so much: those of 7-Scenes do by up to 0.0002."""
 
 
 @dataclass(frozen=True)
@@ -107,9 +109,19 @@ def _row_name(frame: Frame) -> str:
     return frame.name if frame.time_s is None else f"{round(frame.time_s * VIDEO_RATE):06d}"
 
 
+def _nearest_rotation(matrix: Float64[np.ndarray, "3 3"]) -> Float64[np.ndarray, "3 3"]:
+    """The rotation with the least squared difference: some written poses stretch a little."""
+    u, d, vt = np.linalg.svd(matrix)
+    if np.linalg.det(u @ vt) < 0 or np.abs(d - 1).max() > MAX_STRETCH:
+        raise ValueError("not a rigid motion")
+    return u @ vt
+
+
 def _cam_from_world(numbers: Float64[np.ndarray, "n"]) -> Float64[np.ndarray, "4 4"]:
     if len(numbers) == 16:
-        return world_from_cam(numbers.reshape(4, 4))  # a rigid transform's inverse, either way
+        world_from_camera = numbers.reshape(4, 4)
+        world_from_camera[:3, :3] = _nearest_rotation(world_from_camera[:3, :3])
+        return world_from_cam(world_from_camera)  # a rigid transform's inverse, either way
     if len(numbers) != 21:
         raise ValueError("neither K, R, t nor a 4x4 matrix")
     pose = np.eye(4)

@@ -3,7 +3,7 @@
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 from rich.console import Console
@@ -33,6 +33,9 @@ class Options:
     height: int = 480
     hard_case: tuple[HardCase, ...] = ()
     """Difficulties that every pair shall have."""
+    rigid_motion: Literal[0, 1, 2, 3] = 0
+    """Instead of other changes, things move by one rigid motion: 1 = table, rug and all on them;
+    2 = the sideboard and what is on and before it, too; 3 = also the pictures and the shelf."""
 
 
 def specs_of(options: Options) -> tuple[PairSpec, ...]:
@@ -59,6 +62,7 @@ def specs_of(options: Options) -> tuple[PairSpec, ...]:
         options.width,
         options.height,
         options.hard_case,
+        options.rigid_motion,
     )
 
 

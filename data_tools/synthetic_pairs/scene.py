@@ -11,6 +11,7 @@ from data_tools.synthetic_pairs.changes import Item, Wish, arrange
 from data_tools.synthetic_pairs.lighting import AreaLight, Lighting
 from data_tools.synthetic_pairs.models import Model, Paint
 from data_tools.synthetic_pairs.renderer import Renderer
+from data_tools.synthetic_pairs.rigid_motion import moved_together
 from data_tools.synthetic_pairs.room import CEILING, WINDOW_HEIGHT, Room, Support, build_room
 from data_tools.synthetic_pairs.sensor import Sensor
 from data_tools.synthetic_pairs.styles import TEST, VAL, Style
@@ -46,6 +47,8 @@ class PairSpec:
     """The changes; None = two to four at random."""
     texture_size: int = 2048
     """Side of the wall and floor textures in pixels; objects have an eighth of it."""
+    rigid_motion: int = 0
+    """Nothing changes but this: so many of `rigid_motion.GROUPS` move by one rigid motion."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +102,8 @@ def compose(spec: PairSpec) -> Scene:
         items = arrange(_rng(spec, "places", attempt), wishes, 1 + len(room.furniture))
         if items is None:
             continue
+        if spec.rigid_motion:
+            return Scene(spec, *moved_together(room, items, spec.rigid_motion), *plans)
         scene = Scene(spec, room, items, *plans)
         if _changes_show(scene):
             return scene
@@ -136,7 +141,7 @@ def _wishes(rng: Rng, spec: PairSpec, style: Style, room: Room) -> list[Wish]:
 
 
 def _kinds(rng: Rng, spec: PairSpec) -> tuple[Kind, ...]:
-    if "no_change" in spec.hard:
+    if "no_change" in spec.hard or spec.rigid_motion:
         return ()
     if spec.kinds is not None:
         return spec.kinds

@@ -55,7 +55,13 @@ def split_specs(split: Split) -> tuple[PairSpec, ...]:
 
 
 def numbered_specs(
-    scenes: int, seed: int, frames: int, width: int, height: int, hard: tuple[HardCase, ...]
+    scenes: int,
+    seed: int,
+    frames: int,
+    width: int,
+    height: int,
+    hard: tuple[HardCase, ...],
+    rigid_motion: int = 0,
 ) -> tuple[PairSpec, ...]:
     """Pairs outside the named splits, from the families of ``val``."""
     return tuple(
@@ -68,6 +74,7 @@ def numbered_specs(
             hard,
             close=k % 2 == 0,
             texture_size=2048 if width > 400 else 1024,
+            rigid_motion=rigid_motion,
         )
         for k in range(scenes)
     )

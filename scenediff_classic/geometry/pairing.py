@@ -4,17 +4,19 @@ import itertools
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float, Float32, Float64
+from jaxtyping import Float, Float32
 
 from scenediff_classic.geometry.colmap import Database
 
-EXHAUSTIVE = 60
+EXHAUSTIVE = 30
 """Up to this many pictures, every pair is matched."""
 NEIGHBOURS = (1, 2, 4, 8)
 """Steps along a capture that are matched in any case."""
-SIMILAR = 10
+SIMILAR = 6
 """Look-alikes of each picture that are matched, in each of the two captures."""
 WORDS = 32
+SAMPLE = 400
+"""Descriptors of each picture that make its signature."""
 
 
 def matching_pairs(
@@ -32,7 +34,9 @@ def matching_pairs(
     names = [name for capture in captures for name in capture]
     if len(names) <= EXHAUSTIVE:
         return list(itertools.combinations(names, 2))
-    signatures = _signatures([database.descriptors(name) for name in names], seed)
+    rng = np.random.default_rng(seed)
+    sample = [d[rng.permutation(len(d))[:SAMPLE]] for d in database.descriptors(names)]
+    signatures = _signatures([d.astype(np.float32) for d in sample], seed)
     chosen = similar_pairs(signatures, [len(capture) for capture in captures])
     return [(names[a], names[b]) for a, b in chosen]
 
@@ -58,27 +62,26 @@ def similar_pairs(
 
 
 def _signatures(
-    descriptors: Sequence[Float64[np.ndarray, "_ 128"]], seed: int
+    descriptors: Sequence[Float32[np.ndarray, "_ 128"]], seed: int
 ) -> Float32[np.ndarray, "n d"]:
     """One unit vector a picture: residuals to common visual words, summed up (VLAD).
 
     H. Jegou et al., "Aggregating local descriptors into a compact image representation", 2010.
     """
     rng = np.random.default_rng(seed)
-    kept = [d[rng.permutation(len(d))[:400]] for d in descriptors]
-    words = _visual_words(np.concatenate(kept), rng)
-    out = np.zeros((len(kept), len(words), words.shape[1]))
-    for vector, found in zip(out, kept, strict=True):
+    words = _visual_words(np.concatenate(descriptors), rng)
+    out = np.zeros((len(descriptors), len(words), words.shape[1]))
+    for vector, found in zip(out, descriptors, strict=True):
         nearest = _nearest(found, words)
         np.add.at(vector, nearest, found - words[nearest])
     out /= np.maximum(np.linalg.norm(out, axis=2, keepdims=True), 1e-12)
-    out = out.reshape(len(kept), -1)
+    out = out.reshape(len(descriptors), -1)
     return (out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-12)).astype(np.float32)
 
 
 def _visual_words(
-    descriptors: Float64[np.ndarray, "n d"], rng: np.random.Generator
-) -> Float64[np.ndarray, "words d"]:
+    descriptors: Float32[np.ndarray, "n d"], rng: np.random.Generator
+) -> Float32[np.ndarray, "words d"]:
     """A few rounds of k-means: rough words are enough to rank pictures."""
     subset = descriptors[rng.permutation(len(descriptors))[:20000]]
     words = subset[:WORDS].copy()

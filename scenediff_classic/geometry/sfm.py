@@ -5,83 +5,52 @@ go into one reconstruction, because two separate ones would share neither scale 
 """
 
 import hashlib
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 
-from scenediff_classic.errors import AlignmentError, OutputError
+from scenediff_classic.errors import AlignmentError
 from scenediff_classic.geometry import colmap
+from scenediff_classic.geometry.ambiguity import check_alignment
 from scenediff_classic.geometry.colmap import Database, read_model
-from scenediff_classic.geometry.pairing import matching_pairs
+from scenediff_classic.geometry.ladder import LADDER, Rung, ladder
+from scenediff_classic.geometry.matching import matched
+from scenediff_classic.geometry.placement import low_confidence_warning, placements
+from scenediff_classic.geometry.refinement import refine
 from scenediff_classic.geometry.registration import (
-    FEW_BRIDGE,
     Quality,
+    bridging,
     failure,
+    few_points_warning,
     frame_reason,
     has_parallax,
+    has_support,
     judge,
     usable_frames,
     weak_pictures,
 )
-from scenediff_classic.geometry.sfm_workspace import Record, SfmWorkspace
-from scenediff_classic.geometry.sparse_model import (
-    FeatureRecipe,
-    MapperRecipe,
-    Picture,
-    SparseModel,
+from scenediff_classic.geometry.sfm_workspace import (
+    Record,
+    SfmWorkspace,
+    picture_name,
+    write_pictures,
 )
+from scenediff_classic.geometry.sparse_model import Picture, SparseModel
 from scenediff_classic.geometry.views import make_view, resize_lens
 from scenediff_classic.protocols import Progress, silent
-from scenediff_classic.types import (
-    VIDEOS,
-    Capture,
-    Frame,
-    Geometry,
-    SparsePoints,
-    Unregistered,
-)
+from scenediff_classic.types import Capture, Frame, Geometry, SparsePoints, Unregistered
+
+_REVISION = 1
+"""Raised with each change of what is made of the same frames: finished work is then made anew."""
 
 
 @dataclass(frozen=True)
-class Rung:
-    """One attempt: how to match, and how to compute cameras from the matches."""
-
-    features: FeatureRecipe
-    mapper: MapperRecipe
-
-    @property
-    def name(self) -> str:
-        """For logs and folders."""
-        return f"{self.features.name}-{self.mapper.name}"
-
-
-STANDARD = FeatureRecipe("standard")
-SENSITIVE = FeatureRecipe("sensitive", peak_threshold=0.003, ratio=0.85)
-THOROUGH = FeatureRecipe("thorough", peak_threshold=0.002, ratio=0.9, affine=True, guided=True)
-INCREMENTAL = MapperRecipe("incremental")
-RELAXED = MapperRecipe(
-    "relaxed", init_inliers=30, init_angle=6.0, pose_inliers=12, two_view_points=True
-)
-GLOBAL = MapperRecipe("global", method="global")
-
-LADDER: tuple[Rung, ...] = (
-    Rung(STANDARD, INCREMENTAL),
-    Rung(STANDARD, RELAXED),
-    Rung(SENSITIVE, RELAXED),
-    Rung(THOROUGH, RELAXED),
-    Rung(THOROUGH, GLOBAL),
-)
-"""From cheap and strict to costly and lenient; the first good result wins."""
-
-TWO_VIEW_LADDER: tuple[Rung, ...] = tuple(
-    Rung(features, replace(RELAXED, name="two-view", init_angle=2.0, refine_lens=False))
-    for features in (STANDARD, THOROUGH)
-)
-"""For one photo against one photo: the focal length cannot be refined from a single pair."""
+class _Attempt:
+    rung: Rung
+    folder: Path
+    quality: Quality
 
 
 @dataclass(frozen=True)
@@ -99,7 +68,10 @@ class StructureFromMotion:
     seed: int = 0
     """The same seed gives the same cameras."""
     attempts: int = len(LADDER)
-    """At most so many rungs of `LADDER` are tried while the result is not good enough."""
+    """At most so many rungs of the ladder are tried while the result is not good enough."""
+    learned: Path | None = None
+    """Folder with aliked-n16rot.onnx and aliked-lightglue.onnx, to match with ALIKED and LightGlue
+    instead of SIFT; needs a pycolmap with ONNX. Nothing is ever downloaded."""
 
     def __call__(
         self, before: Capture, after: Capture, workspace: Path, progress: Progress = silent
@@ -113,97 +85,109 @@ class StructureFromMotion:
         ------
         AlignmentError
             If before and after do not end up in one reconstruction; the sentence says why.
+        InputError
+            If learned features are asked for and cannot be used.
         """
+        if self.learned is not None:
+            colmap.check_learned(self.learned)
         frames = (*before.frames, *after.frames)
         _refuse_identical(frames)
         files = SfmWorkspace(workspace)
         key = self._fingerprint(frames)
         if not files.is_finished(key):
             files.restart(key)
-            record = self._climb(frames, files, progress)
-            files.finish(key, record)
-        record = files.record()
-        return self._geometry(frames, read_model(files.sparse), record)
+            files.finish(key, self._register(write_pictures(frames, files), files, progress))
+        return self._geometry(frames, read_model(files.sparse), files.record())
 
     def _fingerprint(self, frames: Sequence[Frame]) -> str:
         """Tells whether finished work in the workspace is of the same frames and options."""
         digest = hashlib.blake2b(digest_size=16)
-        options = (self.max_side, self.seed, self.attempts, LADDER, colmap.VERSION)
+        rungs = ladder(len(frames), self.learned)[: self.attempts]
+        options = (self.max_side, self.seed, rungs, colmap.VERSION, _REVISION)
         digest.update(repr(options).encode())
         for frame in frames:
-            digest.update(repr((_name(frame), frame.image.shape, frame.focal_px)).encode())
+            digest.update(repr((picture_name(frame), frame.image.shape, frame.focal_px)).encode())
             digest.update(frame.image.tobytes())
             if frame.ignore is not None:
                 digest.update(np.packbits(frame.ignore).tobytes())
         return digest.hexdigest()
 
-    def _climb(self, frames: Sequence[Frame], files: SfmWorkspace, progress: Progress) -> Record:
-        """Try rung after rung; keep the best model and the reasons for what it lacks."""
-        pictures = _write_pictures(frames, files)
-        ladder = TWO_VIEW_LADDER if len(frames) == 2 else LADDER
-        tried: list[tuple[Quality, Path]] = []
+    def _register(
+        self, pictures: tuple[Picture, ...], files: SfmWorkspace, progress: Progress
+    ) -> Record:
+        """Climb the ladder, refine the best attempt, check that its alignment is the only one."""
+        attempts, database, log = self._climb(pictures, files, progress)
+        features, pairs = database.feature_counts(), database.verified_pairs()
+        aligned = [attempt for attempt in attempts if attempt.quality.aligned]
+        if not aligned or not has_parallax(pairs):
+            reason = failure([attempt.quality for attempt in attempts], features, pairs)
+            raise AlignmentError(f"Before and after could not be aligned: {reason}")
+        best = max(aligned, key=lambda attempt: attempt.quality.rank)
+
+        usable = best.quality.total
+        folder, outcome = refine(best.folder, files.folder / "refined", lens=len(pictures) > 2)
+        quality = judge(read_model(folder), usable)
+        if not quality.aligned:
+            folder, outcome, quality = best.folder, "Robust adjustment left out.", best.quality
+
+        verdict = check_alignment(database, best.rung, files.folder / "apart", usable)
+        folder = verdict.model or folder
+        model = read_model(folder)
+        weak = weak_pictures(model)
+        posed = {picture.name for picture in model.pictures} - set(weak)
+        missing = sorted({picture.name for picture in pictures} - posed)
+        return Record(
+            str(folder.relative_to(files.folder)),
+            (*log, outcome, *verdict.log),
+            (*few_points_warning(quality), *verdict.warnings),
+            {name: frame_reason(name, features, pairs, weak) for name in missing},
+        )
+
+    def _climb(
+        self, pictures: tuple[Picture, ...], files: SfmWorkspace, progress: Progress
+    ) -> tuple[list[_Attempt], Database, list[str]]:
+        """Try rung after rung: the models, the last matches, and a line of log a rung."""
+        first, *others = ladder(len(pictures), self.learned)[: max(self.attempts, 1)]
+        attempts: list[_Attempt] = []
         log: list[str] = []
-        database: Database | None = None
-        for rung in ladder[: max(self.attempts, 1)]:
+        recipes: set[str] = set()
+        for rung in (first, *others):
             recipe = replace(rung.features, max_side=self.max_side)
-            database = self._matched(pictures, recipe, files, progress)
+            database = matched(pictures, recipe, files, self.seed, progress)
             models = database.reconstruct(
                 files.folder / rung.name,
                 rung.mapper,
                 # a mapper that starts anew counts on: never show more frames than there are
-                lambda n: progress("camera poses", min(n, len(frames)), len(frames)),
+                lambda n: progress("camera poses", min(n, len(pictures)), len(pictures)),
             )
             usable = usable_frames(database.feature_counts())
-            found = [(judge(read_model(folder), usable), folder) for folder in models]
-            tried += found
-            outcome = "; ".join(str(quality) for quality, _ in found) or "no model"
+            found = [_Attempt(rung, m, judge(read_model(m), usable)) for m in models]
+            attempts += found
+            outcome = "; ".join(str(attempt.quality) for attempt in found) or "no model"
             log.append(f"{rung.features.name} features, {rung.mapper.name} mapping: {outcome}.")
-            if any(quality.complete for quality, _ in found):
+            if any(attempt.quality.complete for attempt in found):
                 break
-        assert database is not None
-        return _conclude(tried, database, files, log)
-
-    def _matched(
-        self,
-        pictures: tuple[Picture, ...],
-        recipe: FeatureRecipe,
-        files: SfmWorkspace,
-        progress: Progress,
-    ) -> Database:
-        """The database of a recipe: made once, then shared by all rungs that use it."""
-        final = files.folder / f"{recipe.name}.db"
-        if final.exists():
-            return Database(final, files.images, pictures, self.seed)
-        path = final.with_suffix(".part")
-        path.unlink(missing_ok=True)
-        database = Database(path, files.images, pictures, self.seed)
-        database.create()
-        names = [picture.name for picture in pictures]
-        for start in range(0, len(names), 8):
-            progress("features", start, len(names))
-            database.extract(names[start : start + 8], files.masks, recipe)
-        captures = [[n for n in names if n.startswith(video)] for video in VIDEOS]
-        pairs = matching_pairs(captures, database, self.seed)
-        for start in range(0, len(pairs), 200):
-            progress("matching", start, len(pairs))
-            database.match(pairs[start : start + 200], recipe)
-        progress("matching", len(pairs), len(pairs))
-        os.replace(path, final)
-        return Database(final, files.images, pictures, self.seed)
+            recipes.add(recipe.name)
+            if len(recipes) > 1 and not has_support(database.verified_pairs()):
+                break
+        return attempts, database, log
 
     def _geometry(self, frames: Sequence[Frame], model: SparseModel, record: Record) -> Geometry:
         """Views in the captures' order; observations renumbered to it."""
+        checks = placements(model)
         posed = {
             picture.name: number
             for number, picture in enumerate(model.pictures)
             if picture.name not in record.reasons
         }
         views, rank = [], np.full(len(model.pictures), -1)
-        for frame in (f for f in frames if _name(f) in posed):
-            picture = model.pictures[posed[_name(frame)]]
-            rank[posed[picture.name]] = len(views)
+        for frame in (f for f in frames if picture_name(f) in posed):
+            number = posed[picture_name(frame)]
+            picture = model.pictures[number]
+            rank[number] = len(views)
             lens = resize_lens(picture.lens, frame.width, frame.height)
-            views.append(make_view(frame, lens, picture.cam_from_world, self.long_side))
+            view = make_view(frame, lens, picture.cam_from_world, self.long_side)
+            views.append(replace(view, placement=checks[number]))
         points, positions = model.points.observations.T
         kept = rank[positions] >= 0
         observations = np.stack([points[kept], rank[positions][kept]], axis=1)
@@ -211,48 +195,14 @@ class StructureFromMotion:
             views=tuple(views),
             points=SparsePoints(model.points.xyz, model.points.rgb, observations),
             unregistered=tuple(
-                Unregistered(f.video, f.index, record.reasons[_name(f)])
+                Unregistered(f.video, f.index, record.reasons[picture_name(f)])
                 for f in frames
-                if _name(f) not in posed
+                if picture_name(f) not in posed
             ),
-            warnings=record.warnings,
+            warnings=(*record.warnings, *low_confidence_warning(views)),
             log=record.log,
+            bridge=int(bridging(model).sum()),
         )
-
-
-def _conclude(
-    tried: Sequence[tuple[Quality, Path]],
-    database: Database,
-    files: SfmWorkspace,
-    log: Sequence[str],
-) -> Record:
-    """The best attempt, or the error that explains why there is none."""
-    features, pairs = database.feature_counts(), database.verified_pairs()
-    aligned = [(quality, folder) for quality, folder in tried if quality.aligned]
-    if not aligned or not has_parallax(pairs):
-        reason = failure([quality for quality, _ in tried], features, pairs)
-        raise AlignmentError(f"Before and after could not be aligned: {reason}")
-    quality, folder = max(aligned, key=lambda attempt: attempt[0].rank)
-    warnings = []
-    if quality.bridge < FEW_BRIDGE:
-        warnings.append(
-            f"Before and after hang together by only {quality.bridge} points: "
-            "their alignment may be inaccurate."
-        )
-    model = read_model(folder)
-    weak = weak_pictures(model)
-    posed = {picture.name for picture in model.pictures} - set(weak)
-    missing = {picture.name for picture in database.pictures} - posed
-    return Record(
-        str(folder.relative_to(files.folder)),
-        tuple(log),
-        tuple(warnings),
-        {name: frame_reason(name, features, pairs, weak) for name in sorted(missing)},
-    )
-
-
-def _name(frame: Frame) -> str:
-    return f"{frame.video}/{frame.index:05d}.png"
 
 
 def _refuse_identical(frames: Sequence[Frame]) -> None:
@@ -261,28 +211,3 @@ def _refuse_identical(frames: Sequence[Frame]) -> None:
             "Before and after could not be aligned: all frames are the same picture "
             "(no parallax): move the camera around the scene while recording."
         )
-
-
-def _write_pictures(frames: Sequence[Frame], files: SfmWorkspace) -> tuple[Picture, ...]:
-    """Write the frames for COLMAP; one camera for each capture, picture size and EXIF focal."""
-    pictures = []
-    cameras: dict[tuple, int] = {}
-    masked = any(frame.ignore is not None for frame in frames)  # COLMAP wants all masks or none
-    for frame in frames:
-        height, width = frame.image.shape[:2]
-        lens = (frame.video, width, height, frame.width, frame.height, frame.focal_px)
-        focal = None if frame.focal_px is None else frame.focal_px * width / frame.width
-        camera = cameras.setdefault(lens, len(cameras))
-        pictures.append(Picture(_name(frame), width, height, camera, focal))
-        _write_png(files.images / _name(frame), cv2.cvtColor(frame.image, cv2.COLOR_RGB2BGR))
-        if masked:
-            ignore = np.zeros((height, width), bool) if frame.ignore is None else frame.ignore
-            mask = np.where(ignore, 0, 255).astype(np.uint8)
-            _write_png(files.masks / f"{_name(frame)}.png", mask)
-    return tuple(pictures)
-
-
-def _write_png(path: Path, image: np.ndarray) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    if not cv2.imwrite(str(path), image, [cv2.IMWRITE_PNG_COMPRESSION, 1]):
-        raise OutputError(f"{path} cannot be written: is the disk full?")

@@ -1,12 +1,18 @@
-"""Finished structure from motion on disk, so that a second run continues from there."""
+"""Structure from motion on disk: its pictures, and finished work to continue from."""
 
 import json
 import os
 import shutil
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
+import numpy as np
+
 from scenediff_classic.errors import OutputError
+from scenediff_classic.geometry.sparse_model import Picture
+from scenediff_classic.types import Frame
 
 
 @dataclass(frozen=True)
@@ -94,3 +100,34 @@ def _write_json(path: Path, content: dict) -> None:
     partial = path.with_suffix(".part")
     partial.write_text(json.dumps(content, indent=1), encoding="utf-8")
     os.replace(partial, path)
+
+
+def picture_name(frame: Frame) -> str:
+    """Path of a frame's picture below the image folder."""
+    return f"{frame.video}/{frame.index:05d}.png"
+
+
+def write_pictures(frames: Sequence[Frame], files: SfmWorkspace) -> tuple[Picture, ...]:
+    """Write the frames for COLMAP; one camera for each capture, picture size and EXIF focal."""
+    pictures = []
+    cameras: dict[tuple, int] = {}
+    masked = any(frame.ignore is not None for frame in frames)  # COLMAP wants all masks or none
+    for frame in frames:
+        height, width = frame.image.shape[:2]
+        lens = (frame.video, width, height, frame.width, frame.height, frame.focal_px)
+        focal = None if frame.focal_px is None else frame.focal_px * width / frame.width
+        camera = cameras.setdefault(lens, len(cameras))
+        name = picture_name(frame)
+        pictures.append(Picture(name, width, height, camera, focal))
+        _write_png(files.images / name, cv2.cvtColor(frame.image, cv2.COLOR_RGB2BGR))
+        if masked:
+            ignore = np.zeros((height, width), bool) if frame.ignore is None else frame.ignore
+            mask = np.where(ignore, 0, 255).astype(np.uint8)
+            _write_png(files.masks / f"{name}.png", mask)
+    return tuple(pictures)
+
+
+def _write_png(path: Path, image: np.ndarray) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if not cv2.imwrite(str(path), image, [cv2.IMWRITE_PNG_COMPRESSION, 1]):
+        raise OutputError(f"{path} cannot be written: is the disk full?")

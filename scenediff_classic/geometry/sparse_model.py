@@ -1,13 +1,18 @@
 """What goes into COLMAP and what comes out of it, as plain values."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Float, Float64, Int64
 
+from scenediff_classic.cameras import project, source_from_view
 from scenediff_classic.types import Lens, SparsePoints
+
+LOOKED_AT = 300
+"""At most so many matches of a pair are looked at for its motion and parallax."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +44,8 @@ class FeatureRecipe:
     """Match again along the estimated epipolar geometry."""
     max_side: int = 1600
     """Larger pictures are searched at this long side."""
+    weights: Path | None = None
+    """Folder with the weights of ALIKED and LightGlue, to be used instead of SIFT."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +84,44 @@ class SparseModel:
     """Observations count positions in `pictures`."""
     error: float
     """Mean reprojection error in pixels; NaN without points."""
+    keypoints: Float64[np.ndarray, "m 2"] | None = None
+    """Where each observation was found in its picture, in pixels; None = not known."""
+    features: Int64[np.ndarray, "m"] | None = None
+    """Which feature of its picture each observation is, as in the database; None = not known."""
+
+
+def project_points(
+    xyz: Float64[np.ndarray, "n 3"], picture: PosedPicture
+) -> Float64[np.ndarray, "n 2"]:
+    """Pixels at which a picture sees world points, distortion included; NaN behind the camera."""
+    xy, _ = project(xyz, picture.lens.intrinsics, picture.cam_from_world)
+    return source_from_view(xy, picture.lens, picture.lens.intrinsics)
+
+
+def residuals(model: SparseModel) -> Float64[np.ndarray, "m 2"]:
+    """Reprojection error of each observation, in pixels; NaN if the point is behind the camera."""
+    assert model.keypoints is not None
+    errors = -model.keypoints
+    point, picture = model.points.observations.T
+    for number, posed in enumerate(model.pictures):
+        here = picture == number
+        errors[here] += project_points(model.points.xyz[point[here]], posed)
+    return errors
+
+
+@dataclass(frozen=True)
+class EpipolarPair:
+    """Matches of two pictures and their fundamental matrix.
+
+    Positions count from the pictures' middles, as shares of their longer sides.
+    """
+
+    cameras: tuple[int, int]
+    first: Float64[np.ndarray, "n 2"]
+    second: Float64[np.ndarray, "n 2"]
+    fundamental: Float64[np.ndarray, "3 3"]
+    pixel: float
+    """One pixel in this unit: the larger one of the two pictures."""
 
 
 @dataclass(frozen=True)
@@ -100,11 +145,16 @@ class PairMatch:
         xy_second: Float[np.ndarray, "n 2"],
     ) -> "PairMatch":
         """Measure matched positions, given as shares of each picture's longer side."""
-        a, b = xy_first.astype(np.float64), xy_second.astype(np.float64)
+        count = len(xy_first)
+        keep = np.linspace(0, count - 1, min(count, LOOKED_AT)).astype(int)
+        a, b = xy_first[keep].astype(np.float64), xy_second[keep].astype(np.float64)
         shift = float(np.median(np.linalg.norm(b - a, axis=1)))
-        homography = cv2.findHomography(a, b, cv2.RANSAC, 0.002)[0] if len(a) >= 4 else None
+        # judged with room for noise: more rounds would only find the same plane again
+        homography = (
+            cv2.findHomography(a, b, cv2.RANSAC, 0.002, maxIters=200)[0] if count >= 4 else None
+        )
         if homography is None:
-            return PairMatch(first, second, len(a), shift, 0.0)
+            return PairMatch(first, second, count, shift, 0.0)
         mapped = cv2.perspectiveTransform(a[None], homography)[0]
         stray = np.percentile(np.linalg.norm(mapped - b, axis=1), 90)
-        return PairMatch(first, second, len(a), shift, float(stray))
+        return PairMatch(first, second, count, shift, float(stray))

@@ -2,7 +2,7 @@
 
 Layout of the folder::
 
-    geometry.json              unregistered frames, warnings, log, unit
+    geometry.json              unregistered frames, warnings, log, unit, trust in each camera
     sparse/                    COLMAP model of the *input* pictures (OpenCV cameras)
     points.npz                 sparse points and their observations
     depth/before_00000.npz     depth, confidence, measured, ignore, cameras of one view
@@ -13,7 +13,7 @@ import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +24,16 @@ from scenediff_classic.geometry.checked import read_npz
 from scenediff_classic.geometry.colmap import write_model
 from scenediff_classic.geometry.sparse_model import PosedPicture, SparseModel
 from scenediff_classic.protocols import Progress, silent
-from scenediff_classic.types import Capture, Frame, Geometry, Lens, SparsePoints, Unregistered, View
+from scenediff_classic.types import (
+    Capture,
+    Frame,
+    Geometry,
+    Lens,
+    Placement,
+    SparsePoints,
+    Unregistered,
+    View,
+)
 
 
 def save_geometry(geometry: Geometry, folder: Path) -> None:
@@ -55,6 +64,8 @@ def save_geometry(geometry: Geometry, folder: Path) -> None:
             "warnings": geometry.warnings,
             "log": geometry.log,
             "unit": geometry.unit,
+            "bridge": geometry.bridge,
+            "placements": [v.placement and asdict(v.placement) for v in geometry.views],
         }
         text = json.dumps(content, indent=1)
         (partial / "geometry.json").write_text(text, encoding="utf-8")
@@ -75,17 +86,23 @@ def load_geometry(folder: Path, before: Capture, after: Capture) -> Geometry:
         keys = [(video, int(index)) for video, index in content["views"]]
         unregistered = tuple(Unregistered(**frame) for frame in content["unregistered"])
         warnings, log, unit = content["warnings"], content["log"], float(content["unit"])
+        bridge = content.get("bridge")  # earlier versions did not write these two
+        checks = [p and Placement(**p) for p in content.get("placements", [None] * len(keys))]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"{folder} does not hold a finished geometry.") from error
     frames = {(f.video, f.index): f for f in (*before.frames, *after.frames)}
     if set(keys) | {(u.video, u.index) for u in unregistered} != set(frames):
         raise InputError(f"{folder} belongs to other captures: their frames differ.")
     views = tuple(
-        _load_view(frames[key], folder / "depth" / f"{key[0]}_{key[1]:05d}.npz") for key in keys
+        replace(
+            _load_view(frames[key], folder / "depth" / f"{key[0]}_{key[1]:05d}.npz"),
+            placement=check,
+        )
+        for key, check in zip(keys, checks, strict=True)
     )
     arrays = read_npz(folder / "points.npz")
     points = SparsePoints(arrays["xyz"], arrays["rgb"], arrays["observations"])
-    return Geometry(views, points, unregistered, tuple(warnings), tuple(log), unit)
+    return Geometry(views, points, unregistered, tuple(warnings), tuple(log), unit, bridge)
 
 
 @dataclass(frozen=True)

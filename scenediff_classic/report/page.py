@@ -9,6 +9,7 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
+from scenediff_classic.geometry.placement import LOW_CONFIDENCE
 from scenediff_classic.report.crops import Crop, crops_of
 from scenediff_classic.report.embedded import Picture, embed
 from scenediff_classic.report.heatmaps import Scale, ScoreRow, scales, score_rows
@@ -22,6 +23,7 @@ from scenediff_classic.types import (
     ChangedObject,
     ChangeResult,
     Evidence,
+    Placement,
     Video,
     VideoInfo,
 )
@@ -74,6 +76,21 @@ class _Lost:
 
 
 @dataclass(frozen=True)
+class _Placed:
+    """A frame in the strip and the table of how firmly frames are placed."""
+
+    title: str
+    placement: Placement
+    low: bool
+
+
+@dataclass(frozen=True)
+class _PlacedCapture:
+    video: Video
+    frames: tuple[_Placed, ...]
+
+
+@dataclass(frozen=True)
 class _Fact:
     name: str
     value: str
@@ -93,6 +110,8 @@ class _Page:
     scales: tuple[Scale, ...]
     score_rows: tuple[ScoreRow, ...]
     lost: tuple[_Lost, ...]
+    placed: tuple[_PlacedCapture, ...]
+    low_confidence: float
     log: tuple[str, ...]
     stages: tuple[_Stage, ...]
     versions: tuple[_Fact, ...]
@@ -179,6 +198,8 @@ def _page(
         scales=bars,
         score_rows=score_rows(evidence, positions, bars, result.threshold),
         lost=(*_lost("before", result.before), *_lost("after", result.after)),
+        placed=tuple(c for v in VIDEOS if (c := _placed(v, _info(result, v))).frames),
+        low_confidence=LOW_CONFIDENCE,
         log=geometry.log,
         stages=_stages(run.stage_seconds or evidence.stage_seconds),
         versions=tuple(_Fact(name, version) for name, version in run.versions.items()),
@@ -205,6 +226,8 @@ def _facts(result: ChangeResult, evidence: Evidence, run: RunInfo) -> tuple[_Fac
         _Fact("score threshold", threshold),
         _Fact("time", _duration(total)),
     ]
+    if result.bridge is not None:
+        facts.insert(2, _Fact("points seen by both", str(result.bridge)))
     if run.peak_memory_bytes is not None:
         facts.append(_Fact("peak memory", f"{run.peak_memory_bytes / 1e9:.1f} GB"))
     return tuple(facts)
@@ -250,6 +273,23 @@ def _lost(video: Video, info: VideoInfo) -> tuple[_Lost, ...]:
         for frame in info.frames
         if not frame.registered
     )
+
+
+def _info(result: ChangeResult, video: Video) -> VideoInfo:
+    return result.before if video == "before" else result.after
+
+
+def _placed(video: Video, info: VideoInfo) -> _PlacedCapture:
+    frames = (
+        _Placed(
+            f"frame {frame.index} · {frame.name}",
+            frame.placement,
+            frame.placement.confidence < LOW_CONFIDENCE,
+        )
+        for frame in info.frames
+        if frame.placement is not None
+    )
+    return _PlacedCapture(video, tuple(frames))
 
 
 def _stages(seconds: Mapping[str, float]) -> tuple[_Stage, ...]:

@@ -17,6 +17,7 @@ from scenediff_classic.types import (
     FrameInfo,
     Kind,
     ObjectView,
+    Placement,
     TermScores,
     Video,
     VideoInfo,
@@ -80,6 +81,11 @@ class _Node:
             raise _MalformedError(f"{where} is missing")
         return _Node(self.value[key], where)
 
+    def optional(self, key: str) -> "_Node":
+        """A field that earlier versions did not write; null if it is absent."""
+        present = isinstance(self.value, dict) and key in self.value
+        return self[key] if present else _Node(None, f"{self.where}.{key}")
+
     def items(self) -> list["_Node"]:
         if not isinstance(self.value, list):
             self.fail("a list")
@@ -136,6 +142,7 @@ def _read_document(root: _Node) -> ChangeResult:
         threshold=root["threshold"].or_none(_Node.number),
         scale=root["scale"].number(),
         warnings=tuple(node.text() for node in root["warnings"].items()),
+        bridge=root.optional("bridge").or_none(_Node.whole),
     )
 
 
@@ -149,10 +156,21 @@ def _read_video(node: _Node) -> VideoInfo:
             height=frame["height"].whole(1),
             registered=frame["registered"].truth(),
             reason=frame["reason"].or_none(_Node.text),
+            placement=frame.optional("placement").or_none(_read_placement),
         )
         for frame in node["frames"].items()
     )
     return VideoInfo(node["source"].text(), frames)
+
+
+def _read_placement(node: _Node) -> Placement:
+    return Placement(
+        confidence=node["confidence"].number(),
+        points=node["points"].whole(),
+        shared=node["shared"].whole(),
+        cover=node["cover"].number(),
+        error_px=node["error_px"].number(),
+    )
 
 
 def _read_object(node: _Node, sizes: _Sizes) -> ChangedObject:

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from scenediff_classic.types import ChangedObject, ChangeResult, ObjectView, VideoInfo
+from scenediff_classic.types import ChangedObject, ChangeResult, ObjectView, Placement, VideoInfo
 from scenediff_classic.workspace import write_atomic
 
 SCHEMA_VERSION = 1
@@ -28,6 +28,7 @@ def write_result(result: ChangeResult, path: Path) -> None:
         "threshold": None if result.threshold is None else _rounded(result.threshold),
         "scale": _rounded(result.scale),
         "warnings": list(result.warnings),
+        "bridge": None if result.bridge is None else int(result.bridge),
     }
     # Escaped to ASCII, because file names need not be valid Unicode.
     text = json.dumps(document, indent=1, allow_nan=False)
@@ -53,10 +54,21 @@ def _video_json(video: VideoInfo) -> dict[str, Any]:
             "height": int(frame.height),
             "registered": bool(frame.registered),
             "reason": frame.reason,
+            "placement": frame.placement and _placement_json(frame.placement),
         }
         for frame in video.frames
     ]
     return {"source": video.source, "frames": frames}
+
+
+def _placement_json(placement: Placement) -> dict[str, Any]:
+    return {
+        "confidence": _rounded(placement.confidence),
+        "points": int(placement.points),
+        "shared": int(placement.shared),
+        "cover": _rounded(placement.cover),
+        "error_px": _rounded(placement.error_px),
+    }
 
 
 def _object_json(item: ChangedObject) -> dict[str, Any]:

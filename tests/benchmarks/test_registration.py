@@ -112,6 +112,21 @@ def test_reads_the_poses_of_a_video_by_time(tmp_path: Path) -> None:
         np.testing.assert_allclose(found[key], poses[number], atol=1e-12)
 
 
+def test_poses_of_a_video_that_stretch_a_little_become_rigid(tmp_path: Path) -> None:
+    path, (pose,) = tmp_path / "poses.txt", cameras(1)
+    film = capture("before", ["v#0"], [0.0]), capture("after", ["v#0"], [1.0])
+
+    def read(stretch: float) -> np.ndarray:
+        row = world_from_cam(pose)
+        row[:3, :3] *= 1 + stretch
+        path.write_text("000000 " + " ".join(map(str, row.ravel())))
+        return read_true_cameras(path, *film)["before", 0]
+
+    np.testing.assert_allclose(read(2e-4), pose, atol=1e-9)
+    with pytest.raises(InputError, match="known layout"):
+        read(0.5)
+
+
 @pytest.mark.parametrize("content", ["nothing like it at all", "a.png 1 2 3", ""])
 def test_other_files_are_refused(tmp_path: Path, content: str) -> None:
     path = tmp_path / "poses.txt"

@@ -9,7 +9,7 @@ import pytest
 
 import scenediff_classic
 from scenediff_classic.errors import InputError
-from scenediff_classic.geometry.colmap import pycolmap, read_model, write_model
+from scenediff_classic.geometry.colmap import check_learned, pycolmap, read_model, write_model
 from scenediff_classic.geometry.sparse_model import PosedPicture, SparseModel
 from scenediff_classic.types import Lens, SparsePoints
 from tests.geometry.cards import INTRINSICS, sweep
@@ -115,3 +115,21 @@ def test_a_folder_without_a_model_is_refused(tmp_path: Path) -> None:
     (tmp_path / "points3D.bin").write_bytes(b"nonsense")
     with pytest.raises(InputError, match="COLMAP model"):
         read_model(tmp_path)
+
+
+def test_learned_features_need_their_weights(tmp_path: Path) -> None:
+    (tmp_path / "aliked-n16rot.onnx").touch()
+    with pytest.raises(InputError, match=r"aliked-lightglue\.onnx is missing"):
+        check_learned(tmp_path)
+    with pytest.raises(InputError, match="is missing"):
+        check_learned(Path("https://example.org/weights"))
+
+
+def test_learned_features_need_a_build_with_onnx(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("aliked-n16rot.onnx", "aliked-lightglue.onnx"):
+        (tmp_path / name).touch()
+    monkeypatch.setattr(pycolmap, "FeatureExtractionOptions", object)
+    with pytest.raises(InputError, match="without ONNX"):
+        check_learned(tmp_path)

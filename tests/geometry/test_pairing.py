@@ -49,8 +49,8 @@ def test_neighbours_are_matched_whatever_they_look_like() -> None:
 
 def test_signatures_are_alike_for_like_pictures() -> None:
     rng = np.random.default_rng(1)
-    scenes = [rng.uniform(0, 255, (300, 128)) for _ in range(3)]
-    noisy = [scene + rng.normal(0, 4, scene.shape) for scene in scenes]
+    scenes = [rng.uniform(0, 255, (300, 128)).astype(np.float32) for _ in range(3)]
+    noisy = [s + rng.normal(0, 4, s.shape).astype(np.float32) for s in scenes]
     signatures = pairing._signatures([*scenes, *noisy], seed=0)
     np.testing.assert_allclose(np.linalg.norm(signatures, axis=1), 1, atol=1e-5)
     likeness = signatures[:3] @ signatures[3:].T

@@ -10,6 +10,7 @@ from scenediff_classic.geometry.registration import (
     failure,
     frame_reason,
     has_parallax,
+    has_support,
     judge,
     ray_angle,
     usable_frames,
@@ -183,3 +184,11 @@ def test_reasons_for_a_missing_frame() -> None:
     assert "nothing in it matches" in frame_reason("a.png", {"a.png": 700}, LINKED, {})
     assert "do not agree" in frame_reason("a.png", {"a.png": 700}, [pair("a", "b")], {})
     assert "only 4 points" in frame_reason("a.png", {"a.png": 700}, [pair("a", "b")], {"a.png": 4})
+
+
+def test_only_matches_across_captures_are_support() -> None:
+    within = PairMatch("before/0", "before/1", 400, 0.1, 0.02)
+    weak = PairMatch("before/0", "after/1", 17, 0.1, 0.02)
+    strong = PairMatch("before/0", "after/1", 121, 0.1, 0.02)
+    assert not has_support([within, weak])
+    assert has_support([within, weak, strong])

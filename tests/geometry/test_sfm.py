@@ -1,15 +1,20 @@
 """Registration on drawn pictures with known cameras, and every way in which it must refuse."""
 
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from data_tools.benchmarks.registration import compare_cameras, read_true_cameras
+from data_tools.synthetic_pairs.export import write_pair
+from data_tools.synthetic_pairs.splits import numbered_specs
 from scenediff_classic.cameras import camera_centre
 from scenediff_classic.errors import AlignmentError, OutputError
-from scenediff_classic.geometry import pairing, sfm
-from scenediff_classic.geometry.colmap import read_model
+from scenediff_classic.geometry import pairing, placement
+from scenediff_classic.geometry.colmap import Database, read_model
 from scenediff_classic.geometry.sfm import StructureFromMotion
 from scenediff_classic.types import Capture, Geometry
 from scenediff_classic.video import read_capture
@@ -26,6 +31,7 @@ from tests.geometry.cards import (
 
 POSES_BEFORE, POSES_AFTER = sweep(3), sweep(3, y=-0.3, z=0.4)
 SFM = StructureFromMotion(long_side=160, attempts=1)
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +111,7 @@ def test_second_call_reuses_finished_work(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     files = files_in(workspace)
-    monkeypatch.setattr(sfm.Database, "reconstruct", None)  # calling it would fail
+    monkeypatch.setattr(Database, "reconstruct", None)  # calling it would fail
     again = StructureFromMotion(long_side=320, attempts=1)(before, after, workspace)
     assert files_in(workspace) == files
     assert again.log == geometry.log
@@ -121,6 +127,66 @@ def test_same_seed_gives_the_same_cameras(
         np.testing.assert_array_equal(one.cam_from_world, other.cam_from_world)
         np.testing.assert_array_equal(one.lens.intrinsics, other.lens.intrinsics)
     np.testing.assert_array_equal(geometry.points.xyz, again.points.xyz)
+
+
+def test_frames_say_how_firmly_they_are_placed(geometry: Geometry) -> None:
+    assert geometry.warnings == ()
+    assert geometry.bridge is not None
+    assert geometry.bridge > 100
+    for view in geometry.views:
+        assert view.placement is not None
+        assert view.placement.confidence > 0.6
+        assert 0 < view.placement.error_px < 1
+        assert view.placement.shared <= view.placement.points
+
+
+def test_frames_of_low_confidence_are_named(
+    geometry: Geometry, before: Capture, after: Capture, workspace: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    monkeypatch.setattr(placement, "LOW_CONFIDENCE", 2.0)
+    (warning,) = SFM(before, after, workspace).warnings
+    assert warning.startswith("6 frames were placed with low confidence")
+    assert "before 0 (0." in warning
+    assert "after 2 (0." in warning
+
+
+def test_cameras_do_not_depend_on_the_path_or_the_process(tmp_path: Path) -> None:
+    """Bit for bit: stereo would amplify the least difference."""
+    program = (
+        "import sys, pathlib, numpy as np;"
+        "from tests.geometry.cards import capture;"
+        "from tests.geometry.test_sfm import POSES_AFTER, POSES_BEFORE, SFM;"
+        "g = SFM(capture('before', POSES_BEFORE), capture('after', POSES_AFTER),"
+        " pathlib.Path(sys.argv[1]));"
+        "np.save(sys.argv[1] + '/out.npy', np.concatenate([g.points.xyz.ravel(),"
+        " *(v.cam_from_world.ravel() for v in g.views), *(v.intrinsics.ravel() for v in g.views)]))"
+    )
+    found = []
+    for name in ("a", "another/folder/with/a/longer/name"):
+        folder = tmp_path / name
+        folder.mkdir(parents=True)
+        subprocess.run([sys.executable, "-c", program, str(folder)], check=True, cwd=ROOT)
+        found.append((folder / "out.npy").read_bytes())
+    assert found[0] == found[1]
+
+
+@pytest.mark.slow
+def test_the_room_wins_where_much_of_it_moves_as_one(tmp_path: Path) -> None:
+    """Table, rug and all on them: 29 % of the pixels. The joint model bends by 9 % of the path."""
+    (spec,) = numbered_specs(1, 0, 8, 480, 360, (), rigid_motion=1)
+    write_pair(spec, tmp_path)
+    folder = tmp_path / spec.name
+    captures = read_capture(folder / "before", "before"), read_capture(folder / "after", "after")
+    geometry = StructureFromMotion()(*captures, tmp_path / "work")
+    assert any("ambiguous" in warning for warning in geometry.warnings)
+    true = read_true_cameras(folder / "truth_geometry.npz", *captures)
+    errors = compare_cameras(
+        np.stack([view.cam_from_world for view in geometry.views]),
+        np.stack([true[view.key] for view in geometry.views]),
+    )
+    assert len(geometry.views) == 16
+    assert errors.centre.max() < 0.01 * errors.extent
 
 
 def test_lens_describes_the_input_picture(before: Capture, after: Capture, tmp_path: Path) -> None:
@@ -251,4 +317,4 @@ def test_real_photos_are_registered(scene: str, real_data: Path, tmp_path: Path)
     before = read_capture(folder / "ref_same_light", "before")
     geometry = StructureFromMotion()(before, read_capture(folder / "after", "after"), tmp_path)
     assert len(geometry.views) >= (9 if scene == "playground" else 10)
-    assert not geometry.warnings
+    assert not [w for w in geometry.warnings if "low confidence" not in w]

@@ -11,7 +11,7 @@ from scenediff_classic.geometry.colmap import read_model
 from scenediff_classic.geometry.known_cameras import KnownGeometry
 from scenediff_classic.geometry.store import SavedGeometry, load_geometry, save_geometry
 from scenediff_classic.geometry.views import make_view
-from scenediff_classic.types import Capture, Geometry, Lens, SparsePoints, Unregistered
+from scenediff_classic.types import Capture, Geometry, Lens, Placement, SparsePoints, Unregistered
 from tests.geometry.cards import FOCAL, HEIGHT, INTRINSICS, WIDTH, capture, files_in, sweep
 
 
@@ -28,16 +28,17 @@ def geometry(captures: tuple[Capture, Capture]) -> Geometry:
     frames = (*captures[0].frames, captures[1].frames[0])
     views = [make_view(f, lens, p, 160, depth) for f, p in zip(frames, sweep(3), strict=True)]
     views[0] = replace(views[0], measured=np.zeros_like(views[0].measured))
+    views[1] = replace(views[1], placement=Placement(0.4, 30, 12, 0.5, 0.8))
     points = SparsePoints(
         np.array([[0.0, 0.2, 3.0]]), np.array([[9, 8, 7]], np.uint8), np.array([[0, 0], [0, 2]])
     )
     missing = Unregistered("after", 1, "nothing in it matches another frame")
-    return Geometry(tuple(views), points, (missing,), ("careful",), ("tried",), unit=0.37)
+    return Geometry(tuple(views), points, (missing,), ("careful",), ("tried",), 0.37, bridge=12)
 
 
 def assert_same(one: Geometry, other: Geometry) -> None:
     for a, b in zip(one.views, other.views, strict=True):
-        assert (a.key, a.name) == (b.key, b.name)
+        assert (a.key, a.name, a.placement) == (b.key, b.name, b.placement)
         for field in (
             "image", "intrinsics", "cam_from_world", "depth", "confidence", "measured", "ignore",
         ):  # fmt: skip
@@ -49,7 +50,7 @@ def assert_same(one: Geometry, other: Geometry) -> None:
     np.testing.assert_array_equal(one.points.xyz, other.points.xyz)
     np.testing.assert_array_equal(one.points.rgb, other.points.rgb)
     np.testing.assert_array_equal(one.points.observations, other.points.observations)
-    for field in ("unregistered", "warnings", "log", "unit"):
+    for field in ("unregistered", "warnings", "log", "unit", "bridge"):
         assert getattr(one, field) == getattr(other, field)
 
 

@@ -23,6 +23,7 @@ from scenediff_classic.types import (
     Kind,
     Lens,
     ObjectView,
+    Placement,
     ScoreMaps,
     SparsePoints,
     TermScores,
@@ -95,6 +96,7 @@ def example(
         _THRESHOLD if changed else None,
         scale=3.2,
         warnings=("1 of 4 frames before could not be registered.",),
+        bridge=1234,
     )
     run = RunInfo(
         ("scenediff-classic", "detect", "before.mp4", "after.mp4", "-o", "out"),
@@ -189,6 +191,8 @@ def _info(capture: Capture, registered: int) -> VideoInfo:
             FrameInfo(
                 f.index, f.name, f.time_s, f.width, f.height, f.index < registered,
                 None if f.index < registered else "too few matches with the other frames",
+                Placement(0.85 - 0.33 * f.index, 420 - 150 * f.index, 130, 0.75, 0.61)
+                if f.index < registered else None,
             )
             for f in capture.frames
         ),

@@ -80,6 +80,22 @@ def test_the_page_tells_the_result(made: Example, tmp_path: Path) -> None:
         assert text in words
 
 
+def test_the_page_shows_how_firmly_frames_are_placed(made: Example, tmp_path: Path) -> None:
+    html, reader = page_of(made, tmp_path)
+    words = reader.words()
+    for text in ("How firmly the frames are placed", "points seen by both 1234", "0.19 (low)"):
+        assert text in words
+    assert html.count('class="low"') == 2
+    bare = replace(made, result=replace(made.result, bridge=None))
+    for video in ("before", "after"):
+        info = getattr(bare.result, video)
+        frames = tuple(replace(frame, placement=None) for frame in info.frames)
+        bare = replace(bare, result=replace(bare.result, **{video: replace(info, frames=frames)}))
+    words = page_of(bare, tmp_path)[1].words()
+    assert "How firmly" not in words
+    assert "points seen by both" not in words
+
+
 def test_rows_come_by_confidence(made: Example, tmp_path: Path) -> None:
     objects = tuple(replace(o, confidence=c) for o, c in zip(made.result.objects, (0.1, 0.5, 0.9)))  # noqa: B905
     changed = replace(made, result=replace(made.result, objects=objects))
