@@ -12,6 +12,7 @@ from scenediff_classic.change.visibility import VisibilityConfig
 from scenediff_classic.errors import InputError
 from scenediff_classic.geometry.from_pictures import GeometryFromPictures
 from scenediff_classic.geometry.known_cameras import KnownGeometry
+from scenediff_classic.geometry.patchmatch import PatchMatch
 from scenediff_classic.pipeline import DetectConfig
 from scenediff_classic.presets import LONG_SIDE, MIN_LONG_SIDE, Preset, configured
 
@@ -42,7 +43,8 @@ def test_a_given_size_counts_more_than_the_preset() -> None:
 def test_every_stage_that_draws_gets_the_seed() -> None:
     geometry = from_pictures(configured(seed=7))
     assert geometry.completion is not None
-    assert geometry.registration.seed == geometry.stereo.seed == geometry.completion.seed == 7
+    assert geometry.registration.seed == geometry.completion.seed == 7
+    assert geometry.stereo.matcher == PatchMatch(seed=7)
 
 
 def test_options_of_later_stages_are_kept() -> None:
