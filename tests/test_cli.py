@@ -139,7 +139,6 @@ def test_a_bad_capture_is_named_in_one_sentence(
         (["--after-range", "-3", "1"], "start at 0 s or later"),
         (["--before-range", "0", "1"], "no range in seconds"),
         (["--before-ignore", "nowhere"], "nowhere does not exist"),
-        (["--device", "cuda"], "no stage for CUDA"),
         (["--scoring.voxel", "0"], "scoring.voxel must be above 0"),
         (["--scoring.visibility.depth-edge", "nan"], "finite number"),
         (["--objects.min-area", "-1"], "objects.min_area"),

@@ -30,11 +30,11 @@ class LoadedPictures(NamedTuple):
 
 
 class LoadedWindows(NamedTuple):
-    """`Windows` on a device, of all pixels of a picture in row-major order."""
+    """`Windows` on a device."""
 
-    weights: Float32[Tensor, "hw k"]
-    weighted: Float32[Tensor, "hw k"]
-    variance: Float32[Tensor, "hw"]
+    weights: Float32[Tensor, "h w k"]
+    weighted: Float32[Tensor, "h w k"]
+    variance: Float32[Tensor, "h w"]
     dx: Float32[Tensor, "k"]
     dy: Float32[Tensor, "k"]
 
@@ -68,8 +68,8 @@ def patches_at(
     width = pictures.reference.shape[1]
     row, col = index // width, index % width
     return Patches(
-        index, row, col, col + 0.5, row + 0.5, pictures.reference.flatten()[index],
-        windows.weights[index], windows.weighted[index], windows.variance[index],
+        index, row, col, col + 0.5, row + 0.5, pictures.reference[row, col],
+        windows.weights[row, col], windows.weighted[row, col], windows.variance[row, col],
         windows.dx, windows.dy,
     )  # fmt: skip
 

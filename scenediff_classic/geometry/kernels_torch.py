@@ -57,7 +57,8 @@ def prepare_windows(
         centred = values - (weight * values).sum(dim=1, keepdim=True)
         weights[pixels], weighted[pixels] = weight, weight * centred
         variance[pixels] = (weight * centred * centred).sum(dim=1)
-    variance = torch.where(flat.isnan(), -1.0, variance)
+    variance = torch.where(reference.isnan(), -1.0, variance.reshape(height, width))
+    weights, weighted = (a.reshape(height, width, -1) for a in (weights, weighted))
     return LoadedWindows(weights, weighted, variance, dx, dy)
 
 
@@ -88,7 +89,7 @@ def sweep(
     rows, cols = np.indices(costs.shape)
     searched = ((rows + cols) % 2 == colour) & ~settled
     pixels = torch.tensor(np.flatnonzero(searched), device=before.device)
-    textured = windows.variance[pixels] > TEXTURE
+    textured = windows.variance.flatten()[pixels] > TEXTURE
     for chunk in _chunks(pixels[textured], _room(pictures, windows)):
         patches = patches_at(chunk, pictures, windows)
         handed, handed_cost = neighbour_planes(before, at_cost, steps, patches, costs.shape)
