@@ -68,7 +68,7 @@ class Detect:
     after_ignore: Path | None = None
     """The same for the after capture."""
     seed: int = 0
-    """Same seed, same result."""
+    """Same seed and device, same result."""
     device: Device = "auto"
     """Where stereo computes: auto is cuda if PyTorch finds a CUDA device, otherwise cpu. All other
     stages run on the CPU."""

@@ -63,7 +63,9 @@ def configured(
     _check_numbers(base, "")
     if geometry is not None:
         return replace(base, geometry=KnownGeometry(geometry, long_side=side))
-    stereo = MultiViewStereo(PatchMatch(seed=seed, device=device), sources=4 if preset == "fast" else 6)
+    stereo = MultiViewStereo(
+        PatchMatch(seed=seed, device=device), sources=4 if preset == "fast" else 6
+    )
     if preset == "accurate":
         thorough = PatchMatch(seed=seed, device=device, sweeps=(6, 4, 3, 2))
         stereo = MultiViewStereo(thorough, sources=8)

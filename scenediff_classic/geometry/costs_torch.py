@@ -6,6 +6,7 @@ read. Shapes: ``p`` pixels, ``n`` sources of each, ``k`` samples of a window.
 
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from jaxtyping import Bool, Float32, Int64
 from torch import Tensor
@@ -56,6 +57,25 @@ class Patches(NamedTuple):
     dy: Float32[Tensor, "k"]
 
 
+class PlainRules(NamedTuple):
+    """`Rules` in Python's numbers; NumPy's would draw tensors back to the CPU."""
+
+    radius: int
+    best: int
+    w_min: float
+    w_max: float
+    min_cosine: float
+    cap: float
+    consistency: float
+    tolerance: float
+    parallax: float
+
+    @staticmethod
+    def of(rules: Rules) -> "PlainRules":
+        """The same rules."""
+        return PlainRules(*(np.asarray(rule).item() for rule in rules))
+
+
 def load(pictures: Pictures, device: str) -> LoadedPictures:
     """The pictures on a device."""
     return LoadedPictures(*(torch.tensor(array, device=device) for array in pictures))
@@ -75,7 +95,7 @@ def patches_at(
 
 
 def rank_sources(
-    pictures: LoadedPictures, rules: Rules, patches: Patches, planes: Float32[Tensor, "p 3"]
+    pictures: LoadedPictures, rules: PlainRules, patches: Patches, planes: Float32[Tensor, "p 3"]
 ) -> tuple[Int64[Tensor, "p best"], Float32[Tensor, "p"]]:
     """The sources that a plane costs least in, the best one first, and the mean cost in them."""
     sources = torch.arange(len(pictures.sources), device=planes.device).expand(len(planes), -1)
@@ -86,7 +106,7 @@ def rank_sources(
 def cost_in(
     sources: Int64[Tensor, "p n"],
     pictures: LoadedPictures,
-    rules: Rules,
+    rules: PlainRules,
     patches: Patches,
     planes: Float32[Tensor, "p 3"],
 ) -> Float32[Tensor, "p n"]:
@@ -106,7 +126,7 @@ def cost_in(
 def source_cost(
     sources: Int64[Tensor, "p n"],
     pictures: LoadedPictures,
-    rules: Rules,
+    rules: PlainRules,
     patches: Patches,
     planes: Float32[Tensor, "p 3"],
     warps: Float32[Tensor, "p n 3 4"],
@@ -160,7 +180,7 @@ def bilinear(
 def disagreement(
     sources: Int64[Tensor, "p n"],
     pictures: LoadedPictures,
-    rules: Rules,
+    rules: PlainRules,
     patches: Patches,
     position: Float32[Tensor, "p n 3"],
 ) -> Float32[Tensor, "p n"]:
@@ -179,7 +199,7 @@ def disagreement(
 
 
 def allowed(
-    pictures: LoadedPictures, rules: Rules, patches: Patches, planes: Float32[Tensor, "p 3"]
+    pictures: LoadedPictures, rules: PlainRules, patches: Patches, planes: Float32[Tensor, "p 3"]
 ) -> Bool[Tensor, "p"]:
     """True for planes inside the depth range that are not seen too edge-on."""
     fx, fy, cx, cy = pictures.camera

@@ -18,6 +18,7 @@ from scenediff_classic.geometry.costs_torch import (
     LoadedPictures,
     LoadedWindows,
     Patches,
+    PlainRules,
     allowed,
     cost_in,
     load,
@@ -67,12 +68,12 @@ def score_planes(
     costs: np.ndarray,
 ) -> None:  # fmt: skip
     """Fill `costs` (h, w) with the cost of every pixel's own plane in `planes` (h, w, 3)."""
-    rules = _numbers(rules)
+    plain = PlainRules.of(rules)
     tried = _listed(planes, pictures)
     found = tried.new_empty(costs.size)
     for pixels in _chunks(torch.arange(costs.size, device=tried.device), _room(pictures, windows)):
         patches = patches_at(pixels, pictures, windows)
-        found[pixels] = rank_sources(pictures, rules, patches, tried[pixels])[1]
+        found[pixels] = rank_sources(pictures, plain, patches, tried[pixels])[1]
     costs[...] = found.cpu().numpy().reshape(costs.shape)
 
 
@@ -82,7 +83,7 @@ def sweep(
     explore: int, seed: int,
 ) -> None:  # fmt: skip
     """Improve in place the planes of one colour of the checkerboard; see `kernels.sweep`."""
-    rules = _numbers(rules)
+    plain = PlainRules.of(rules)
     before, at_cost = _listed(planes, pictures), _listed(costs, pictures)[:, 0]
     after, cost_after = before.clone(), at_cost.clone()
     steps = torch.tensor(offsets, device=before.device).long()
@@ -94,21 +95,21 @@ def sweep(
         patches = patches_at(chunk, pictures, windows)
         handed, handed_cost = neighbour_planes(before, at_cost, steps, patches, costs.shape)
         after[chunk], cost_after[chunk] = _searched(
-            pictures, rules, patches, before[chunk], handed, handed_cost.isfinite(),
-            float(amplitude) * rules.parallax, explore, seed,
+            pictures, plain, patches, before[chunk], handed, handed_cost.isfinite(),
+            float(amplitude) * plain.parallax, explore, seed,
         )  # fmt: skip
     for chunk in _chunks(pixels[~textured], _room(pictures, windows)):
         patches = patches_at(chunk, pictures, windows)
         handed, handed_cost = neighbour_planes(before, at_cost, steps, patches, costs.shape)
         after[chunk] = adopt_best_neighbour(
-            pictures, rules, patches, before[chunk], at_cost[chunk], handed, handed_cost
+            pictures, plain, patches, before[chunk], at_cost[chunk], handed, handed_cost
         )
     planes[...] = after.cpu().numpy().reshape(planes.shape)
     costs[...] = cost_after.cpu().numpy().reshape(costs.shape)
 
 
 def _searched(
-    pictures: LoadedPictures, rules: Rules, patches: Patches, planes: Float32[Tensor, "p 3"],
+    pictures: LoadedPictures, rules: PlainRules, patches: Patches, planes: Float32[Tensor, "p 3"],
     handed: Float32[Tensor, "p groups 3"], given: Bool[Tensor, "p groups"], step: float,
     explore: int, seed: int,
 ) -> tuple[Float32[Tensor, "p 3"], Float32[Tensor, "p"]]:  # fmt: skip
@@ -129,7 +130,7 @@ def _searched(
 
 
 def better_of(
-    pictures: LoadedPictures, rules: Rules, patches: Patches, best: Int64[Tensor, "p best"],
+    pictures: LoadedPictures, rules: PlainRules, patches: Patches, best: Int64[Tensor, "p best"],
     planes: Float32[Tensor, "p 3"], costs: Float32[Tensor, "p"], tried: Float32[Tensor, "p 3"],
     worth: Bool[Tensor, "p"],
 ) -> tuple[Float32[Tensor, "p 3"], Float32[Tensor, "p"]]:  # fmt: skip
@@ -140,7 +141,7 @@ def better_of(
 
 
 def varied(
-    planes: Float32[Tensor, "p 3"], kind: int, draws: list[Tensor], step: float, rules: Rules
+    planes: Float32[Tensor, "p 3"], kind: int, draws: list[Tensor], step: float, rules: PlainRules
 ) -> Float32[Tensor, "p 3"]:
     """A random variation: below 0 any depth, 0 depth only, 1 slope only, 2 both."""
     w, gx, gy = planes.unbind(dim=1)
@@ -188,7 +189,7 @@ def neighbour_planes(
 
 
 def adopt_best_neighbour(
-    pictures: LoadedPictures, rules: Rules, patches: Patches, planes: Float32[Tensor, "p 3"],
+    pictures: LoadedPictures, rules: PlainRules, patches: Patches, planes: Float32[Tensor, "p 3"],
     costs: Float32[Tensor, "p"], handed: Float32[Tensor, "p groups 3"],
     handed_costs: Float32[Tensor, "p groups"],
 ) -> Float32[Tensor, "p 3"]:  # fmt: skip
@@ -265,8 +266,3 @@ def _listed(array: np.ndarray, pictures: LoadedPictures) -> Float32[Tensor, "hw 
     """A copy of the values of all pixels on the device, in row-major order."""
     height, width = pictures.reference.shape
     return torch.tensor(array, device=pictures.reference.device).reshape(height * width, -1)
-
-
-def _numbers(rules: Rules) -> Rules:
-    """The rules as Python's numbers: NumPy's would draw tensors back to the CPU."""
-    return Rules(*(np.asarray(rule).item() for rule in rules))

@@ -207,9 +207,7 @@ class PatchMatch:
         w_range = inverse_depth_range(view, points, others, self.range_margin)
         return w_range, 1 / (view.intrinsics[0, 0] * median_baseline(view, others))
 
-    def _rules(
-        self, w_range: tuple[float, float], parallax: float, *, consistency: float
-    ) -> Rules:
+    def _rules(self, w_range: tuple[float, float], parallax: float, *, consistency: float) -> Rules:
         return Rules(
             radius=self.radius,
             best=self.best_sources,

@@ -3,11 +3,13 @@
 import ctypes
 import subprocess
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from scenediff_classic.errors import InputError
 from scenediff_classic.geometry import devices, kernels_torch, patchmatch
@@ -22,6 +24,15 @@ from tests.geometry.torch_devices import TORCH_DEVICES
 
 MATCHER = PatchMatch(sweeps=(3, 2))
 GEOMETRY, TRUTH = room(height=60, width=80, count=4)
+
+
+@pytest.fixture(autouse=True)
+def one_thread() -> Iterator[None]:
+    """Threads of PyTorch that share a busy processor wait longer than they work."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
 
 
 def both_passes(kernels: Kernels, monkeypatch: pytest.MonkeyPatch) -> tuple[DepthMap, DepthMap]:
