@@ -12,13 +12,14 @@ import pytest
 import torch
 
 from scenediff_classic.errors import InputError
-from scenediff_classic.geometry import devices, kernels_torch, patchmatch
+from scenediff_classic.geometry import costs_torch, devices, kernels_torch, patchmatch
 from scenediff_classic.geometry.depth_map import DepthMap
 from scenediff_classic.geometry.devices import Kernels, compiled, in_torch, kernels_for
-from scenediff_classic.geometry.patchmatch import PatchMatch
+from scenediff_classic.geometry.patchmatch import OFFSETS, PatchMatch
 from scenediff_classic.geometry.stereo import MultiViewStereo
 from scenediff_classic.geometry.view_selection import observed_points
 from scenediff_classic.protocols import silent
+from tests.geometry.test_stereo_kernels import CONSISTENT, random_pictures
 from tests.geometry.textured_room import room
 from tests.geometry.torch_devices import TORCH_DEVICES
 
@@ -74,6 +75,30 @@ def test_torch_finds_the_same_depth_every_time(
     one, two = (both_passes(in_torch(device), monkeypatch)[1] for _ in range(2))
     np.testing.assert_array_equal(one.planes, two.planes)
     np.testing.assert_array_equal(one.cost, two.cost)
+
+
+def test_numbers_stay_on_the_device_in_single_precision() -> None:
+    """On PyTorch's device without memory: it refuses to meet a tensor from elsewhere."""
+    pictures = costs_torch.load(random_pictures(0), "meta")
+    windows = kernels_torch.prepare_windows(pictures.reference, 3, 0.15)
+    rules = costs_torch.PlainRules.of(CONSISTENT)
+    planes = pictures.reference.new_empty(pictures.reference.numel(), 3)
+    costs, pixels = planes[:, 0], torch.arange(len(planes), device="meta")
+    patches = costs_torch.patches_at(pixels, pictures, windows)
+    offsets = torch.tensor(OFFSETS, device="meta").long()
+    shape = tuple(pictures.reference.shape)
+    handed, handed_costs = kernels_torch.neighbour_planes(planes, costs, offsets, patches, shape)
+    adopted = kernels_torch.adopt_best_neighbour(
+        pictures, rules, patches, planes, costs, handed, handed_costs
+    )
+    draws = [kernels_torch.random_unit(2**31 - 1, pixels, i) for i in range(3)]
+    varied = [kernels_torch.varied(planes, kind, draws, 0.1, rules) for kind in range(-1, 3)]
+    best, ranked = costs_torch.rank_sources(pictures, rules, patches, planes)
+    found = kernels_torch.better_of(
+        pictures, rules, patches, best, planes, ranked, adopted, ranked < 1
+    )
+    for number in (*windows, handed, handed_costs, adopted, *draws, *varied, ranked, *found):
+        assert (number.device.type, number.dtype) == ("meta", torch.float32)
 
 
 def test_the_device_that_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
