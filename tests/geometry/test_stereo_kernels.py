@@ -152,6 +152,43 @@ def test_sweep_equals_the_twin(
     assert np.mean(found_costs < costs - 0.01) > 0.2
 
 
+def test_planes_behind_a_source_are_not_seen_in_it(fast: Kernels) -> None:
+    """Behind a camera, a point projects into its picture upside down."""
+    pictures = random_pictures(0)
+    pictures.warps[:] = [[1, 0, 0, -40], [0, 1, 0, -40], [0, 0, 1, -4]]
+    planes = random_planes(0, pictures.reference.shape)
+    rows, cols = np.indices(pictures.reference.shape) + 0.5
+    w = planes[..., 0]
+    z = 1 - 4 * w
+    in_sight = [(0 <= (x - 40 * w) / z) & ((x - 40 * w) / z < 12) for x in (rows, cols)]
+    behind = (z < 0) & in_sight[0] & in_sight[1]
+    costs = np.empty(behind.shape, np.float32)
+    fast.score_planes(*on_device(fast, pictures), RULES, planes, costs)
+    assert behind.sum() > 50
+    assert np.all(costs[behind] == RULES.cap)
+
+
+def test_pixels_without_texture_take_over_the_cheapest_plane(fast: Kernels) -> None:
+    pictures = random_pictures(0)
+    pictures.reference[4:, 6:] = 0.5
+    planes = random_planes(0, pictures.reference.shape)
+    costs = np.empty(pictures.reference.shape, np.float32)
+    windows = windows_of(pictures)
+    kernels_reference.score_planes(pictures, windows, RULES, planes, costs)
+    plain = planes.copy(), costs.copy()
+    found = planes.copy(), costs.copy()
+    settled = np.zeros(costs.shape, bool)
+    for sweep, given, state in (
+        (kernels_reference.sweep, (pictures, windows), plain),
+        (fast.sweep, on_device(fast, pictures), found),
+    ):
+        sweep(*given, RULES, *state, settled, OFFSETS, 0, np.float32(1.0), 0, 3)
+    empty = ~(windows.variance > kernels.MIN_VARIANCE)
+    np.testing.assert_allclose(found[0][empty], plain[0][empty], rtol=1e-5, atol=1e-6)
+    assert np.array_equal(found[1][empty], costs[empty])
+    assert np.mean(np.any(found[0] != planes, axis=-1)[empty]) > 0.2
+
+
 def test_smoothing_equals_the_twin(fast: Kernels) -> None:
     pictures = random_pictures(5)
     planes = random_planes(5, pictures.reference.shape)
