@@ -160,7 +160,7 @@ def test_planes_behind_a_source_are_not_seen_in_it(fast: Kernels) -> None:
     rows, cols = np.indices(pictures.reference.shape) + 0.5
     w = planes[..., 0]
     z = 1 - 4 * w
-    in_sight = [(0 <= (x - 40 * w) / z) & ((x - 40 * w) / z < 12) for x in (rows, cols)]
+    in_sight = [((x - 40 * w) / z >= 0) & ((x - 40 * w) / z < 12) for x in (rows, cols)]
     behind = (z < 0) & in_sight[0] & in_sight[1]
     costs = np.empty(behind.shape, np.float32)
     fast.score_planes(*on_device(fast, pictures), RULES, planes, costs)
