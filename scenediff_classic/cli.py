@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import tyro
 from rich.console import Console
@@ -22,10 +22,11 @@ from scenediff_classic.change.scoring import ScoringConfig
 from scenediff_classic.change.threshold import ThresholdConfig
 from scenediff_classic.dataset.export import ExportFormat, export
 from scenediff_classic.detection_run import CaptureOptions, run_detection
-from scenediff_classic.errors import InputError, SceneDiffError
+from scenediff_classic.errors import SceneDiffError
 from scenediff_classic.evaluation.benchmark import Split, Subset, evaluate
 from scenediff_classic.evaluation.rules import Mode
 from scenediff_classic.evaluation.tables import pair_table, summary_table, to_json
+from scenediff_classic.geometry.devices import Device
 from scenediff_classic.pipeline import DetectConfig, detect_changes
 from scenediff_classic.presets import Preset, configured
 from scenediff_classic.protocols import Progress
@@ -67,9 +68,10 @@ class Detect:
     after_ignore: Path | None = None
     """The same for the after capture."""
     seed: int = 0
-    """Same seed, same result."""
-    device: Literal["auto", "cpu", "cuda"] = "auto"
-    """Every stage of this version runs on the CPU, so that auto means cpu and cuda is refused."""
+    """Same seed and device, same result."""
+    device: Device = "auto"
+    """Where stereo computes: auto is cuda if PyTorch finds a CUDA device, otherwise cpu. All other
+    stages run on the CPU."""
     overwrite: bool = False
     """Replace the result of another run in the output folder."""
     scoring: ScoringConfig = field(default_factory=ScoringConfig)
@@ -79,16 +81,13 @@ class Detect:
 
     def __call__(self) -> None:
         """Run the detection and say what was found."""
-        if self.device == "cuda":
-            raise InputError(
-                "--device cuda: this version has no stage for CUDA; pass --device cpu or auto."
-            )
         base = DetectConfig(
             scoring=self.scoring, threshold=self.threshold, objects=self.objects, moves=self.moves
         )
         config = configured(
-            self.preset, long_side=self.long_side, seed=self.seed, geometry=self.geometry, base=base
-        )
+            self.preset, long_side=self.long_side, seed=self.seed, geometry=self.geometry,
+            device=self.device, base=base,
+        )  # fmt: skip
         with _progress() as progress:
             result = run_detection(
                 self._capture(self.before, self.before_range, self.before_ignore),

@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 from scenediff_classic.errors import InputError
 from scenediff_classic.geometry.completion import DepthCompletion
+from scenediff_classic.geometry.devices import Device, check_device
 from scenediff_classic.geometry.from_pictures import GeometryFromPictures
 from scenediff_classic.geometry.known_cameras import KnownGeometry
 from scenediff_classic.geometry.patchmatch import PatchMatch
@@ -32,6 +33,7 @@ def configured(
     long_side: int | None = None,
     seed: int = 0,
     geometry: Path | None = None,
+    device: Device = "auto",
     base: DetectConfig = DetectConfig(),  # noqa: B008 (frozen)
 ) -> DetectConfig:
     """The options of a preset.
@@ -42,25 +44,30 @@ def configured(
         Overrides the preset's working size, in pixels.
     geometry : Path, optional
         Known geometry to use instead of structure from motion and stereo.
+    device : "auto", "cpu" or "cuda"
+        Where stereo computes.
     base : DetectConfig
         Options of the later stages.
 
     Raises
     ------
     InputError
-        If a number is out of range.
+        If a number is out of range, or the device is not there.
     """
     side = LONG_SIDE[preset] if long_side is None else long_side
     if side < MIN_LONG_SIDE:
         raise InputError(f"The long side must be at least {MIN_LONG_SIDE} pixels, not {side}.")
     if not 0 <= seed < 2**31:
         raise InputError(f"The seed must be from 0 to {2**31 - 1}, not {seed}.")
+    check_device(device)
     _check_numbers(base, "")
     if geometry is not None:
         return replace(base, geometry=KnownGeometry(geometry, long_side=side))
-    stereo = MultiViewStereo(PatchMatch(seed=seed), sources=4 if preset == "fast" else 6)
+    stereo = MultiViewStereo(
+        PatchMatch(seed=seed, device=device), sources=4 if preset == "fast" else 6
+    )
     if preset == "accurate":
-        thorough = PatchMatch(seed=seed, sweeps=(6, 4, 4, 3))
+        thorough = PatchMatch(seed=seed, device=device, sweeps=(6, 4, 4, 3))
         stereo = MultiViewStereo(thorough, sources=8)
     sfm = StructureFromMotion(long_side=side, seed=seed)
     completion = DepthCompletion(seed=seed)

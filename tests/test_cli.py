@@ -14,6 +14,7 @@ import pytest
 from PIL import Image
 
 from scenediff_classic import cli
+from scenediff_classic.geometry import devices
 from tests.command import Call, caller, names
 from tests.films import write_film
 from tests.privileges import as_nobody
@@ -139,7 +140,7 @@ def test_a_bad_capture_is_named_in_one_sentence(
         (["--after-range", "-3", "1"], "start at 0 s or later"),
         (["--before-range", "0", "1"], "no range in seconds"),
         (["--before-ignore", "nowhere"], "nowhere does not exist"),
-        (["--device", "cuda"], "no stage for CUDA"),
+        (["--device", "cuda"], "no CUDA device"),
         (["--scoring.voxel", "0"], "scoring.voxel must be above 0"),
         (["--scoring.visibility.depth-edge", "nan"], "finite number"),
         (["--objects.min-area", "-1"], "objects.min_area"),
@@ -147,8 +148,10 @@ def test_a_bad_capture_is_named_in_one_sentence(
     ],
 )
 def test_a_bad_option_is_named_in_one_sentence(
-    tmp_path: Path, before: Path, after: Path, call: Call, options: list[str], expected: str
-) -> None:
+    tmp_path: Path, before: Path, after: Path, call: Call, monkeypatch: pytest.MonkeyPatch,
+    options: list[str], expected: str,
+) -> None:  # fmt: skip
+    monkeypatch.setattr(devices, "cuda_available", lambda: False)
     complaint = call("detect", before, after, "-o", tmp_path / "out", *options).complaint
     assert expected in complaint
     assert names(tmp_path) == ["after", "before"]

@@ -44,8 +44,7 @@ def test_every_stage_that_draws_gets_the_seed() -> None:
     geometry = from_pictures(configured(seed=7))
     assert geometry.completion is not None
     assert geometry.registration.seed == geometry.completion.seed == 7
-    assert isinstance(geometry.stereo.matcher, PatchMatch)
-    assert geometry.stereo.matcher.seed == 7
+    assert geometry.stereo.matcher == PatchMatch(seed=7)
 
 
 def test_options_of_later_stages_are_kept() -> None:

@@ -1,7 +1,7 @@
 """The compiled kernels once more, as plain NumPy in double precision: to read, and to test them.
 
-Every function stands for the one of the same name in `kernels`, `windows` or `smoothing`. One
-pixel at a time and no care for speed.
+Every function stands for the one of the same name in `kernels`, `windows` or `smoothing`, and in
+`kernels_torch` or `costs_torch`. One pixel at a time and no care for speed.
 """
 
 import numpy as np

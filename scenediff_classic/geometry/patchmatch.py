@@ -5,22 +5,22 @@ second pass, once every view has depth, also asks what depth the sources found t
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float32
 
-from scenediff_classic.geometry import kernels
 from scenediff_classic.geometry.depth_map import DepthMap
+from scenediff_classic.geometry.devices import Device, Kernels, kernels_for
+from scenediff_classic.geometry.kernels import Rules
 from scenediff_classic.geometry.pyramid import (
     Pictures,
     first_planes,
     pictures_at,
     upsample_planes,
 )
-from scenediff_classic.geometry.smoothing import smooth_planes
 from scenediff_classic.geometry.view_selection import inverse_depth_range, median_baseline
-from scenediff_classic.geometry.windows import Windows, prepare_windows
 from scenediff_classic.types import View
 
 NEAR = ((-1, 0), (-2, -1), (-2, 1), (-3, -2), (-3, 2))
@@ -78,6 +78,9 @@ class PatchMatch:
     range_margin: float = 1.4
     """Factor by which the depth range of the sparse points is widened at either end."""
     seed: int = 0
+    device: Device = field(default="auto", repr=False)
+    """Where to compute. Not part of what is printed, and so of the digest of a kept depth map:
+    both devices find the same depth but for near ties, so a run may continue on the other one."""
 
     def search(self, view: View, others: Sequence[View], points: np.ndarray) -> DepthMap:
         """First pass: depth of one view from pictures alone.
@@ -145,7 +148,7 @@ class PatchMatch:
     def _improve(
         self,
         pictures: Pictures,
-        rules: kernels.Rules,
+        rules: Rules,
         planes: Float32[np.ndarray, "h w 3"],
         settled: Bool[np.ndarray, "h w"],
         steps: Sequence[float],
@@ -153,40 +156,37 @@ class PatchMatch:
         explore: int,
         draw: int,
     ) -> tuple[Float32[np.ndarray, "h w 3"], Float32[np.ndarray, "h w"]]:
-        """Search on one pyramid level, smooth, and say how unlike the smoothed planes look."""
-        windows = prepare_windows(pictures.reference, self.radius, self.grey_sigma)
+        """Search on one pyramid level, smooth, and say how unlike the smoothed planes look.
+
+        0 = identical in the best sources, 1 = the cap.
+        """
+        kernels = kernels_for(self.device)
+        loaded = kernels.load(pictures)
+        windows = kernels.prepare_windows(loaded.reference, self.radius, self.grey_sigma)
         planes, costs = planes.copy(), np.empty(planes.shape[:2], np.float32)
-        kernels.score_planes(pictures, windows, rules, planes, costs)
+        kernels.score_planes(loaded, windows, rules, planes, costs)
         for i, step in enumerate(steps):
             for colour in (0, 1):
                 seed = (self.seed * 31 + draw + i * 2 + colour) % 2**31
                 kernels.sweep(
-                    pictures, windows, rules, planes, costs, settled, OFFSETS, colour,
+                    loaded, windows, rules, planes, costs, settled, OFFSETS, colour,
                     np.float32(step), explore, seed,
                 )  # fmt: skip
-        planes = self._smoothed(pictures, planes, costs / (rules.cap + rules.consistency))
-        return planes, self._unlikeness(pictures, windows, rules, planes)
+        planes = self._smoothed(kernels, loaded, planes, costs / (rules.cap + rules.consistency))
+        looks = rules._replace(consistency=np.float32(0))  # not what depth the sources found
+        kernels.score_planes(loaded, windows, looks, planes, costs)
+        return planes, costs / rules.cap
 
     def _smoothed(
-        self, pictures: Pictures, planes: np.ndarray, costs: Float32[np.ndarray, "h w"]
+        self, kernels: Kernels, loaded: Any, planes: np.ndarray, costs: Float32[np.ndarray, "h w"]
     ) -> Float32[np.ndarray, "h w 3"]:
         smoothed = np.empty_like(planes)
         doubtful = np.minimum(costs, np.float32(1 - DOUBT))
         sharpness = np.float32(0.5 / self.smooth_sigma**2)
-        smooth_planes(
-            pictures.reference, planes, doubtful, SMOOTH_RADIUS, SMOOTH_STRIDE, sharpness, smoothed
+        kernels.smooth_planes(
+            loaded.reference, planes, doubtful, SMOOTH_RADIUS, SMOOTH_STRIDE, sharpness, smoothed
         )
         return smoothed
-
-    @staticmethod
-    def _unlikeness(
-        pictures: Pictures, windows: Windows, rules: kernels.Rules, planes: np.ndarray
-    ) -> Float32[np.ndarray, "h w"]:
-        """How unlike the planes look in their best sources, as a share of the cap."""
-        costs = np.empty(planes.shape[:2], np.float32)
-        looks = rules._replace(consistency=np.float32(0))
-        kernels.score_planes(pictures, windows, looks, planes, costs)
-        return costs / rules.cap
 
     def _depth_map(self, view: View, planes: np.ndarray, costs: np.ndarray) -> DepthMap:
         depth = (1 / planes[..., 0]).astype(np.float32)
@@ -207,11 +207,9 @@ class PatchMatch:
         w_range = inverse_depth_range(view, points, others, self.range_margin)
         return w_range, 1 / (view.intrinsics[0, 0] * median_baseline(view, others))
 
-    def rules(
-        self, w_range: tuple[float, float], parallax: float, *, consistency: float
-    ) -> kernels.Rules:
+    def rules(self, w_range: tuple[float, float], parallax: float, *, consistency: float) -> Rules:
         """What a plane may be: `w_range` in inverse depth, `parallax` in inverse depth a pixel."""
-        return kernels.Rules(
+        return Rules(
             radius=self.radius,
             best=self.best_sources,
             w_min=np.float32(w_range[0]),

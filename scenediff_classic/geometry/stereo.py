@@ -1,4 +1,4 @@
-"""Multi-view stereo on the CPU: depth of every view from the other frames of its video.
+"""Multi-view stereo: depth of every view from the other frames of its video.
 
 It takes the place of the feed-forward depth of the paper (Sec. 4.1). Every view is matched on its
 own, then once more with what the others found in mind; only depth that other views' depth
