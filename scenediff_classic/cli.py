@@ -26,7 +26,7 @@ from scenediff_classic.errors import SceneDiffError
 from scenediff_classic.evaluation.benchmark import Split, Subset, evaluate
 from scenediff_classic.evaluation.rules import Mode
 from scenediff_classic.evaluation.tables import pair_table, summary_table, to_json
-from scenediff_classic.geometry.devices import Device
+from scenediff_classic.geometry.stereo.devices import Device
 from scenediff_classic.pipeline import DetectConfig, detect_changes
 from scenediff_classic.presets import Preset, configured
 from scenediff_classic.protocols import Progress

@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 from scenediff_classic.errors import InputError
-from scenediff_classic.geometry.completion import DepthCompletion
-from scenediff_classic.geometry.devices import Device, check_device
 from scenediff_classic.geometry.from_pictures import GeometryFromPictures
 from scenediff_classic.geometry.known_cameras import KnownGeometry
-from scenediff_classic.geometry.patchmatch import PatchMatch
-from scenediff_classic.geometry.sfm import StructureFromMotion
-from scenediff_classic.geometry.stereo import MultiViewStereo
+from scenediff_classic.geometry.registration.structure_from_motion import StructureFromMotion
+from scenediff_classic.geometry.stereo.completion import DepthCompletion
+from scenediff_classic.geometry.stereo.devices import Device, check_device
+from scenediff_classic.geometry.stereo.multi_view import MultiViewStereo
+from scenediff_classic.geometry.stereo.patchmatch import PatchMatch
 from scenediff_classic.pipeline import DetectConfig
 
 Preset = Literal["fast", "balanced", "accurate"]

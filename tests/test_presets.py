@@ -12,7 +12,7 @@ from scenediff_classic.change.visibility import VisibilityConfig
 from scenediff_classic.errors import InputError
 from scenediff_classic.geometry.from_pictures import GeometryFromPictures
 from scenediff_classic.geometry.known_cameras import KnownGeometry
-from scenediff_classic.geometry.patchmatch import PatchMatch
+from scenediff_classic.geometry.stereo.patchmatch import PatchMatch
 from scenediff_classic.pipeline import DetectConfig
 from scenediff_classic.presets import LONG_SIDE, MIN_LONG_SIDE, Preset, configured
 

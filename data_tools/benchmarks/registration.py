@@ -19,7 +19,7 @@ from rich.table import Table
 
 from scenediff_classic.cameras import camera_centre, world_from_cam
 from scenediff_classic.errors import InputError, SceneDiffError
-from scenediff_classic.geometry.sfm import StructureFromMotion
+from scenediff_classic.geometry.registration.structure_from_motion import StructureFromMotion
 from scenediff_classic.types import VIDEOS, Capture, Frame, Video
 from scenediff_classic.video import read_capture
 

@@ -19,7 +19,7 @@ from scipy.stats import rankdata
 
 from data_tools.benchmarks.registration import compare_cameras, read_true_cameras
 from scenediff_classic.errors import InputError, SceneDiffError
-from scenediff_classic.geometry.sfm import StructureFromMotion
+from scenediff_classic.geometry.registration.structure_from_motion import StructureFromMotion
 from scenediff_classic.video import read_capture
 
 

@@ -3,9 +3,9 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from scenediff_classic.geometry.completion import DepthCompletion
-from scenediff_classic.geometry.sfm import StructureFromMotion
-from scenediff_classic.geometry.stereo import MultiViewStereo
+from scenediff_classic.geometry.registration.structure_from_motion import StructureFromMotion
+from scenediff_classic.geometry.stereo.completion import DepthCompletion
+from scenediff_classic.geometry.stereo.multi_view import MultiViewStereo
 from scenediff_classic.protocols import Progress, silent
 from scenediff_classic.types import Capture, Geometry
 

@@ -13,9 +13,9 @@ from jaxtyping import Float32
 
 from scenediff_classic.errors import InputError
 from scenediff_classic.geometry.checked import pinhole, read_npz, rigid_pose
-from scenediff_classic.geometry.colmap import read_model
 from scenediff_classic.geometry.known_rgbd import RgbdGeometry
-from scenediff_classic.geometry.sparse_model import PosedPicture, SparseModel
+from scenediff_classic.geometry.registration.colmap.models import read_model
+from scenediff_classic.geometry.registration.sparse_model import PosedPicture, SparseModel
 from scenediff_classic.geometry.store import SavedGeometry
 from scenediff_classic.geometry.views import assemble, make_view, resize_lens
 from scenediff_classic.protocols import Progress, silent

@@ -21,8 +21,8 @@ import numpy as np
 from scenediff_classic.cameras import undistort
 from scenediff_classic.errors import InputError, OutputError
 from scenediff_classic.geometry.checked import read_npz
-from scenediff_classic.geometry.colmap import write_model
-from scenediff_classic.geometry.sparse_model import PosedPicture, SparseModel
+from scenediff_classic.geometry.registration.colmap.models import write_model
+from scenediff_classic.geometry.registration.sparse_model import PosedPicture, SparseModel
 from scenediff_classic.protocols import Progress, silent
 from scenediff_classic.types import (
     Capture,

@@ -9,7 +9,7 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from scenediff_classic.geometry.placement import LOW_CONFIDENCE
+from scenediff_classic.geometry.registration.placement import LOW_CONFIDENCE
 from scenediff_classic.report.crops import Crop, crops_of
 from scenediff_classic.report.embedded import Picture, embed
 from scenediff_classic.report.heatmaps import Scale, ScoreRow, scales, score_rows

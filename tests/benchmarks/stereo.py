@@ -19,12 +19,12 @@ import tyro
 from jaxtyping import Bool, Float, Float32, Float64
 
 from scenediff_classic.cameras import project, scale_intrinsics
-from scenediff_classic.geometry import kernels, kernels_reference
-from scenediff_classic.geometry.depth_confidence import RIGHT
-from scenediff_classic.geometry.patchmatch import PatchMatch
-from scenediff_classic.geometry.pyramid import pictures_at
-from scenediff_classic.geometry.stereo import MultiViewStereo, StereoWork
-from scenediff_classic.geometry.windows import prepare_windows
+from scenediff_classic.geometry.stereo import kernels, kernels_reference
+from scenediff_classic.geometry.stereo.depth_confidence import RIGHT
+from scenediff_classic.geometry.stereo.multi_view import MultiViewStereo, StereoWork
+from scenediff_classic.geometry.stereo.patchmatch import PatchMatch
+from scenediff_classic.geometry.stereo.pyramid import pictures_at
+from scenediff_classic.geometry.stereo.windows import prepare_windows
 from scenediff_classic.protocols import silent
 from scenediff_classic.types import VIDEOS, Geometry, Lens, SparsePoints, Video, View
 from tests.geometry.textured_room import room

@@ -9,7 +9,6 @@ import pytest
 
 from scenediff_classic.cameras import scale_intrinsics, world_from_cam
 from scenediff_classic.errors import InputError
-from scenediff_classic.geometry.colmap import write_model
 from scenediff_classic.geometry.known_cameras import (
     ColmapGeometry,
     KnownGeometry,
@@ -17,7 +16,8 @@ from scenediff_classic.geometry.known_cameras import (
     read_depth,
 )
 from scenediff_classic.geometry.known_rgbd import RgbdGeometry
-from scenediff_classic.geometry.sparse_model import PosedPicture, SparseModel
+from scenediff_classic.geometry.registration.colmap.models import write_model
+from scenediff_classic.geometry.registration.sparse_model import PosedPicture, SparseModel
 from scenediff_classic.types import Capture, Frame, Lens, SparsePoints, Video
 from tests.geometry.cards import INTRINSICS, look
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from scenediff_classic.errors import InputError, OutputError
-from scenediff_classic.geometry.colmap import read_model
 from scenediff_classic.geometry.known_cameras import KnownGeometry
+from scenediff_classic.geometry.registration.colmap.models import read_model
 from scenediff_classic.geometry.store import SavedGeometry, load_geometry, save_geometry
 from scenediff_classic.geometry.views import make_view
 from scenediff_classic.types import Capture, Geometry, Lens, Placement, SparsePoints, Unregistered

@@ -1,0 +1,1 @@
+"""Cameras of both captures in one world frame, from the pictures alone."""

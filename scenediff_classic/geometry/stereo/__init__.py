@@ -1,0 +1,1 @@
+"""Depth of every view, from the other views."""
