@@ -16,6 +16,7 @@ _core = Path(__file__).resolve().parents[1] / "scenediff_classic"
 _checked = ["types", "cameras", "colour", "masks", "video", "clips", "photos", "pictures"]
 _checked += ["workspace", "run_folder"]
 _compiled = ("kernels", "kernels_reference", "smoothing", "windows")
+_compiled += ("sweep_kernels", "sweep_kernels_reference")
 for _folder in ("change", "features", "geometry", "regions"):
     # numba reads the source of its kernels, so those (and their twins) stay out of the hook
     _stems = (path.stem for path in sorted((_core / _folder).glob("*.py")))

@@ -39,6 +39,8 @@ class MultiViewStereo:
     """Largest forward-backward error of a confirmed depth, in pixels."""
     max_relative: float = 0.01
     """Largest relative difference between depths that confirm each other."""
+    pair_max_relative: float = 0.02
+    """The same where a view has a single source: a short baseline tells depth less exactly."""
     min_supporters: int = 2
     """Views that must confirm a depth (fewer where a view has fewer sources of its own video)."""
     min_confidence: float = 0.5
@@ -146,7 +148,7 @@ class StereoWork:
 
     def _second(self, i: int, first: Sequence[View]) -> DepthMap:
         others = [first[s] for s in self.sources[i]]
-        limits = self.stereo.max_pixels, self.stereo.max_relative, self.stereo.min_supporters
+        limits = self.stereo.max_pixels, self._max_relative(others), self.stereo.min_supporters
         digest = self._digest(i, first[i], others, (self.stereo.matcher, *limits))
         found = self._read("second", i, digest)
         if found is None:
@@ -161,8 +163,12 @@ class StereoWork:
             view,
             others,
             max_pixels=self.stereo.max_pixels,
-            max_relative=self.stereo.max_relative,
+            max_relative=self._max_relative(others),
         )
+
+    def _max_relative(self, others: Sequence[View]) -> float:
+        alone = len(others) == 1
+        return self.stereo.pair_max_relative if alone else self.stereo.max_relative
 
     def _enough(self, i: int, supporters: Int32[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
         """True where a depth has the confirmation that it needs."""
