@@ -19,8 +19,9 @@ _compiled = ("kernels", "kernels_reference", "smoothing", "windows")
 _compiled += ("sweep_kernels", "sweep_kernels_reference")
 for _folder in ("change", "features", "geometry", "regions"):
     # numba reads the source of its kernels, so those (and their twins) stay out of the hook
-    _stems = (path.stem for path in sorted((_core / _folder).glob("*.py")))
-    _checked += [f"{_folder}.{stem}" for stem in _stems if stem not in ("__init__", *_compiled)]
+    for _path in sorted((_core / _folder).rglob("*.py")):
+        if _path.stem not in ("__init__", *_compiled):
+            _checked.append(".".join(_path.relative_to(_core).with_suffix("").parts))
 install_import_hook(
     [f"scenediff_classic.{name}" for name in _checked], "tests.typechecking.checked"
 )

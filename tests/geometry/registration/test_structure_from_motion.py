@@ -157,7 +157,8 @@ def test_cameras_do_not_depend_on_the_path_or_the_process(tmp_path: Path) -> Non
     program = (
         "import sys, pathlib, numpy as np;"
         "from tests.geometry.cards import capture;"
-        "from tests.geometry.registration.test_structure_from_motion import POSES_AFTER, POSES_BEFORE, SFM;"
+        "from tests.geometry.registration.test_structure_from_motion import"
+        " POSES_AFTER, POSES_BEFORE, SFM;"
         "g = SFM(capture('before', POSES_BEFORE), capture('after', POSES_AFTER),"
         " pathlib.Path(sys.argv[1]));"
         "np.save(sys.argv[1] + '/out.npy', np.concatenate([g.points.xyz.ravel(),"

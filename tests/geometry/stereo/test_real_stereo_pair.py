@@ -8,9 +8,9 @@ import pytest
 
 from scenediff_classic.geometry.stereo.completion import DepthCompletion
 from scenediff_classic.geometry.stereo.depth_map import Matcher
+from scenediff_classic.geometry.stereo.multi_view import MultiViewStereo
 from scenediff_classic.geometry.stereo.patchmatch import PatchMatch
 from scenediff_classic.geometry.stereo.plane_sweep import PlaneSweep
-from scenediff_classic.geometry.stereo.multi_view import MultiViewStereo
 from scenediff_classic.protocols import silent
 from scenediff_classic.types import Geometry, Lens, SparsePoints, Video, View
 

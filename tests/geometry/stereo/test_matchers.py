@@ -8,9 +8,9 @@ import numba
 import numpy as np
 import pytest
 
-from scenediff_classic.geometry.depth_map import DepthMap, Matcher
-from scenediff_classic.geometry.patchmatch import PatchMatch
-from scenediff_classic.geometry.plane_sweep import PlaneSweep
+from scenediff_classic.geometry.stereo.depth_map import DepthMap, Matcher
+from scenediff_classic.geometry.stereo.patchmatch import PatchMatch
+from scenediff_classic.geometry.stereo.plane_sweep import PlaneSweep
 from scenediff_classic.types import View
 from tests.geometry.textured_room import room
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from scenediff_classic.geometry.sweep_kernels import MIN_VARIANCE, WORST
+from scenediff_classic.geometry.stereo.sweep_kernels import MIN_VARIANCE, WORST
 
 
 def unlikeness(reference, warped, product, known, cap):

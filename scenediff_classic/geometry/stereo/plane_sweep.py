@@ -13,12 +13,12 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, UInt8
 
-from scenediff_classic.geometry import sweep_kernels as kernels
-from scenediff_classic.geometry.depth_map import DepthMap
-from scenediff_classic.geometry.patchmatch import PatchMatch
-from scenediff_classic.geometry.pyramid import Pictures, pictures_at
-from scenediff_classic.geometry.smoothing import smooth_planes
-from scenediff_classic.geometry.view_selection import inverse_depth_range
+from scenediff_classic.geometry.stereo import sweep_kernels as kernels
+from scenediff_classic.geometry.stereo.depth_map import DepthMap
+from scenediff_classic.geometry.stereo.patchmatch import PatchMatch
+from scenediff_classic.geometry.stereo.pyramid import Pictures, pictures_at
+from scenediff_classic.geometry.stereo.smoothing import smooth_planes
+from scenediff_classic.geometry.stereo.view_selection import inverse_depth_range
 from scenediff_classic.types import View
 
 DIRECTIONS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1))

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from scenediff_classic.geometry import sweep_kernels as kernels
-from scenediff_classic.geometry import sweep_kernels_reference as reference
-from scenediff_classic.geometry.plane_sweep import DIRECTIONS, with_slopes
+from scenediff_classic.geometry.stereo import sweep_kernels as kernels
+from scenediff_classic.geometry.stereo import sweep_kernels_reference as reference
+from scenediff_classic.geometry.stereo.plane_sweep import DIRECTIONS, with_slopes
 
 
 def random_volume(seed: int, shape: tuple[int, int, int]) -> tuple[np.ndarray, np.ndarray]:
