@@ -28,7 +28,7 @@ from scenediff_classic.evaluation.rules import Mode
 from scenediff_classic.evaluation.tables import pair_table, summary_table, to_json
 from scenediff_classic.geometry.stereo.devices import Device
 from scenediff_classic.pipeline import DetectConfig, detect_changes
-from scenediff_classic.presets import Preset, configured
+from scenediff_classic.presets import Preset, StereoMethod, configured
 from scenediff_classic.protocols import Progress
 from scenediff_classic.report.page import verdict
 from scenediff_classic.result.reading import read_result
@@ -72,6 +72,8 @@ class Detect:
     device: Device = "auto"
     """Where stereo computes: auto is cuda if PyTorch finds a CUDA device, otherwise cpu. All other
     stages run on the CPU."""
+    stereo: StereoMethod = "patchmatch"
+    """How depth is matched: a plane sweep takes less time and is less exact."""
     overwrite: bool = False
     """Replace the result of another run in the output folder."""
     scoring: ScoringConfig = field(default_factory=ScoringConfig)
@@ -86,7 +88,7 @@ class Detect:
         )
         config = configured(
             self.preset, long_side=self.long_side, seed=self.seed, geometry=self.geometry,
-            device=self.device, base=base,
+            device=self.device, stereo=self.stereo, base=base,
         )  # fmt: skip
         with _progress() as progress:
             result = run_detection(

@@ -10,12 +10,16 @@ from scenediff_classic.geometry.from_pictures import GeometryFromPictures
 from scenediff_classic.geometry.known_cameras import KnownGeometry
 from scenediff_classic.geometry.registration.structure_from_motion import StructureFromMotion
 from scenediff_classic.geometry.stereo.completion import DepthCompletion
+from scenediff_classic.geometry.stereo.depth_map import Matcher
 from scenediff_classic.geometry.stereo.devices import Device, check_device
 from scenediff_classic.geometry.stereo.multi_view import MultiViewStereo
 from scenediff_classic.geometry.stereo.patchmatch import PatchMatch
+from scenediff_classic.geometry.stereo.plane_sweep import PlaneSweep
 from scenediff_classic.pipeline import DetectConfig
 
 Preset = Literal["fast", "balanced", "accurate"]
+
+StereoMethod = Literal["patchmatch", "plane-sweep"]
 
 LONG_SIDE: dict[Preset, int] = {"fast": 320, "balanced": 512, "accurate": 768}
 """Longer side of the pictures that stereo, regions and features work on."""
@@ -23,6 +27,8 @@ LONG_SIDE: dict[Preset, int] = {"fast": 320, "balanced": 512, "accurate": 768}
 
 MIN_LONG_SIDE = 64
 """Below this, neither stereo nor regions have enough pixels to work on."""
+
+_SOURCES: dict[Preset, int] = {"fast": 4, "balanced": 6, "accurate": 8}
 
 _DIVISORS = {"scoring.voxel", "threshold.bins", "objects.max_points"}
 
@@ -34,6 +40,7 @@ def configured(
     seed: int = 0,
     geometry: Path | None = None,
     device: Device = "auto",
+    stereo: StereoMethod = "patchmatch",
     base: DetectConfig = DetectConfig(),  # noqa: B008 (frozen)
 ) -> DetectConfig:
     """The options of a preset.
@@ -46,6 +53,8 @@ def configured(
         Known geometry to use instead of structure from motion and stereo.
     device : "auto", "cpu" or "cuda"
         Where stereo computes.
+    stereo : "patchmatch" or "plane-sweep"
+        How depth is matched: a plane sweep is quicker and less exact.
     base : DetectConfig
         Options of the later stages.
 
@@ -63,15 +72,15 @@ def configured(
     _check_numbers(base, "")
     if geometry is not None:
         return replace(base, geometry=KnownGeometry(geometry, long_side=side))
-    stereo = MultiViewStereo(
-        PatchMatch(seed=seed, device=device), sources=4 if preset == "fast" else 6
-    )
+    planes = PatchMatch(seed=seed, device=device)
     if preset == "accurate":
-        thorough = PatchMatch(seed=seed, device=device, sweeps=(6, 4, 4, 3))
-        stereo = MultiViewStereo(thorough, sources=8)
+        planes = replace(planes, sweeps=(6, 4, 4, 3))
+    swept = PlaneSweep(second=replace(planes, consistent_sweeps=1))
+    matcher: Matcher = swept if stereo == "plane-sweep" else planes
+    depth = MultiViewStereo(matcher, sources=_SOURCES[preset])
     sfm = StructureFromMotion(long_side=side, seed=seed)
     completion = DepthCompletion(seed=seed)
-    return replace(base, geometry=GeometryFromPictures(sfm, stereo, completion))
+    return replace(base, geometry=GeometryFromPictures(sfm, depth, completion))
 
 
 def _check_numbers(options: Any, prefix: str) -> None:

@@ -13,6 +13,7 @@ from scenediff_classic.errors import InputError
 from scenediff_classic.geometry.from_pictures import GeometryFromPictures
 from scenediff_classic.geometry.known_cameras import KnownGeometry
 from scenediff_classic.geometry.stereo.patchmatch import PatchMatch
+from scenediff_classic.geometry.stereo.plane_sweep import PlaneSweep
 from scenediff_classic.pipeline import DetectConfig
 from scenediff_classic.presets import LONG_SIDE, MIN_LONG_SIDE, Preset, configured
 
@@ -45,6 +46,11 @@ def test_every_stage_that_draws_gets_the_seed() -> None:
     assert geometry.completion is not None
     assert geometry.registration.seed == geometry.completion.seed == 7
     assert geometry.stereo.matcher == PatchMatch(seed=7)
+
+
+def test_stereo_can_be_a_plane_sweep() -> None:
+    swept = from_pictures(configured(seed=7, stereo="plane-sweep")).stereo.matcher
+    assert swept == PlaneSweep(second=PatchMatch(seed=7, consistent_sweeps=1))
 
 
 def test_options_of_later_stages_are_kept() -> None:
