@@ -336,8 +336,12 @@ def assert_close(ours: ChangeResult, theirs: ChangeResult) -> None:
     for video in ("before", "after"):
         mine, other = getattr(ours, video), getattr(theirs, video)
         assert mine.source == other.source
-        untimed = [replace(f, time_s=None) for f in other.frames]
-        assert [replace(f, time_s=None) for f in mine.frames] == untimed
+        for one, two in zip(mine.frames, other.frames, strict=True):
+            bare = {"time_s": None, "placement": None}
+            assert replace(one, **bare) == replace(two, **bare)
+            assert (one.placement is None) == (two.placement is None)
+            if one.placement and two.placement:
+                assert astuple(one.placement) == pytest.approx(astuple(two.placement), rel=1e-5)
     assert len(ours.objects) == len(theirs.objects)
     for mine, other in zip(ours.objects, theirs.objects, strict=True):
         assert (mine.id, mine.kind) == (other.id, other.kind)
