@@ -117,7 +117,7 @@ def test_ignored_pixels_get_no_depth(tmp_path: Path) -> None:
     ignore = np.zeros((24, 32), bool)
     ignore[:, :10] = True
     views = tuple(replace(v, ignore=ignore) for v in geometry.views)
-    result = MultiViewStereo(PatchMatch(sweeps=(2,)))(
+    result = MultiViewStereo(PatchMatch(sweeps=(2,)), min_confidence=0.5)(
         replace(geometry, views=views), tmp_path, silent
     )
     assert all(np.isnan(v.depth[ignore]).all() for v in result.views)
