@@ -125,24 +125,29 @@ class StereoWork:
         """The views with what enough others agree with, and how sure it is.
 
         Depth must have been found and confirmed before the views knew of each other, too: in the
-        second pass they can talk each other into the same mistake.
+        second pass they can talk each other into the same mistake. A single pair is spared this.
         """
         for i, view in enumerate(second):
             confidence, supporters = self.confidence(i, second)
-            alone = self._supporters(first[i], [first[s] for s in self.sources[i]])
-            with np.errstate(invalid="ignore"):
-                change = np.abs(first[i].depth / view.depth - 1)
-            pair = len(self.sources[i]) == 1
-            stereo = self.stereo
-            kept = confidence >= (stereo.pair_min_confidence if pair else stereo.min_confidence)
-            kept &= self._enough(i, supporters) & self._enough(i, alone)
-            kept &= change <= self._max_relative(self.sources[i])
+            kept = self._enough(i, supporters)
+            if len(self.sources[i]) == 1:
+                kept &= confidence >= self.stereo.pair_min_confidence
+            else:
+                kept &= confidence >= self.stereo.min_confidence
+                kept &= self._found_alone(i, view, first)
             yield replace(
                 view,
                 depth=np.where(kept, view.depth, np.nan).astype(np.float32),
                 confidence=np.where(kept, confidence, 0).astype(np.float32),
                 measured=kept,
             )
+
+    def _found_alone(self, i: int, view: View, first: Sequence[View]) -> Bool[np.ndarray, "h w"]:
+        """Where the first pass had the same depth, confirmed by what others had found then."""
+        supporters = self._supporters(first[i], [first[s] for s in self.sources[i]])
+        with np.errstate(invalid="ignore"):
+            change = np.abs(first[i].depth / view.depth - 1)
+        return self._enough(i, supporters) & (change <= self.stereo.max_relative)
 
     def confidence(
         self, i: int, found: Sequence[View]
@@ -180,7 +185,7 @@ class StereoWork:
             max_relative=self._max_relative(others),
         )
 
-    def _max_relative(self, others: Sequence[object]) -> float:
+    def _max_relative(self, others: Sequence[View]) -> float:
         alone = len(others) == 1
         return self.stereo.pair_max_relative if alone else self.stereo.max_relative
 
