@@ -32,7 +32,7 @@ from tests.geometry.cards import (
 
 POSES_BEFORE, POSES_AFTER = sweep(3), sweep(3, y=-0.3, z=0.4)
 SFM = StructureFromMotion(long_side=160, attempts=1)
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture(scope="module")
