@@ -89,7 +89,9 @@ def detect_changes(
             regions.append(config.regions(view))
             progress("regions", k + 1, len(geometry.views))
     with clock.stage("scores"):
-        scores = score_changes(geometry, regions, config.features, config.scoring, progress)
+        scores = score_changes(
+            geometry, regions, config.features, config.scoring, progress, workspace
+        )
     with clock.stage("objects"):
         threshold = change_threshold(scores.maps, config.threshold)
         changed = changed_regions(geometry, regions, scores, threshold)
@@ -97,7 +99,7 @@ def detect_changes(
             geometry, regions, changed, threshold, config.features.merge, config.objects
         )
         changes = pair_moves(objects, config.features.similarity, config.moves)
-        described = describe(changes, geometry, config.confidence)
+        described = describe(changes, geometry, threshold, config.confidence)
     result = ChangeResult(
         before=_info(before, geometry),
         after=_info(after, geometry),

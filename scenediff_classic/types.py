@@ -209,6 +209,46 @@ class TermScores:
 
 
 @dataclass(frozen=True)
+class PairScore:
+    """How changed an object looks when one frame that shows it is compared with one of the other
+    capture alone."""
+
+    video: Video
+    """The capture that shows the object."""
+    frame: int
+    other: int
+    """Frame of the other capture."""
+    score: float
+
+
+@dataclass(frozen=True)
+class Support:
+    """The comparisons of two frames behind an object."""
+
+    compared: int
+    """Pairs of frames in which both could see the object's place."""
+    above: int
+    """Those in which its score passes the threshold."""
+    strongest: tuple[PairScore, ...]
+    """A few with the highest scores."""
+
+
+@dataclass(frozen=True)
+class Match:
+    """How the likeliest counterpart in the other capture was judged: alike and of similar size
+    means moved."""
+
+    similarity: float
+    """Cosine of the descriptors."""
+    least: float
+    """Similarity from which on it counts as the same thing."""
+    size_ratio: float
+    """The larger of the two sizes over the smaller one; 0 = unknown."""
+    most: float
+    """Largest ratio for the same thing; 0 = sizes are not compared."""
+
+
+@dataclass(frozen=True)
 class ChangedObject:
     """One changed object, with one identity over all views."""
 
@@ -222,6 +262,10 @@ class ChangedObject:
     extent_after: tuple[float, float, float] | None
     scores: TermScores
     views: tuple[ObjectView, ...]
+    support: Support | None = None
+    """None where a method does not compare pairs of frames."""
+    match: Match | None = None
+    """None where the other capture has no changed object at all."""
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from rich.table import Table
 from scenediff_classic.detection_run import CaptureOptions, run_detection
 from scenediff_classic.errors import InputError, SceneDiffError
 from scenediff_classic.evaluation.benchmark import EvaluationResult, evaluate
+from scenediff_classic.evaluation.calibration import reliability
 from scenediff_classic.evaluation.tables import pair_table
 from scenediff_classic.pipeline import detect_changes
 from scenediff_classic.presets import Preset, configured
@@ -58,6 +59,7 @@ class SyntheticBenchmark:
             (self.out / source).mkdir(parents=True, exist_ok=True)
             results[source] = evaluate(self.out / source, self.pairs)
             console.print(pair_table(results[source]))
+            console.print(_reliability(source, results[source]))
         console.print(_side_by_side(results))
         content = {s: _numbers(r) for s, r in results.items()}
         write_atomic(self.out / "metrics.json", json.dumps(content, indent=2) + "\n")
@@ -88,6 +90,12 @@ def _numbers(result: EvaluationResult) -> dict[str, float | None]:
         "obj_sc_ap": m.obj_sc_ap,
         "obj_sc_ap_typed": m.obj_sc_ap_typed,
     }
+
+
+def _reliability(source: GeometrySource, result: EvaluationResult) -> str:
+    diagram = reliability(result.objects.confidence, result.objects.hit, bins=5)
+    head = f"{source} geometry: confidence, share of the reported objects, how many are right"
+    return "\n".join([head, *diagram.rows(), f"expected calibration error {diagram.error:.3f}\n"])
 
 
 def _side_by_side(results: dict[GeometrySource, EvaluationResult]) -> Table:

@@ -9,7 +9,18 @@ from scenediff_classic.cameras import mask_to_source
 from scenediff_classic.change.moves import Change
 from scenediff_classic.change.objects import ChangedRegion, SceneObject
 from scenediff_classic.masks import bbox, encode
-from scenediff_classic.types import ChangedObject, Geometry, Kind, ObjectView, TermScores
+from scenediff_classic.types import (
+    ChangedObject,
+    Geometry,
+    Kind,
+    ObjectView,
+    PairScore,
+    Support,
+    TermScores,
+)
+
+STRONGEST = 5
+"""Comparisons that are named; the others are only counted."""
 
 
 @dataclass(frozen=True)
@@ -25,16 +36,18 @@ class ConfidenceConfig:
 
 
 def describe(
-    changes: Sequence[Change], geometry: Geometry, confidence: ConfidenceConfig
+    changes: Sequence[Change], geometry: Geometry, threshold: float, confidence: ConfidenceConfig
 ) -> tuple[ChangedObject, ...]:
     """Objects for the result, most confident first, ids from 1."""
-    items = [_object(c, geometry, confidence) for c in changes]
+    items = [_object(c, geometry, threshold, confidence) for c in changes]
     items = [i for i in items if i.views]
     items.sort(key=lambda i: (-i.confidence, i.kind, i.centroid_after or i.centroid_before or ()))
     return tuple(_with_id(item, k + 1) for k, item in enumerate(items))
 
 
-def _object(change: Change, geometry: Geometry, confidence: ConfidenceConfig) -> ChangedObject:
+def _object(
+    change: Change, geometry: Geometry, threshold: float, confidence: ConfidenceConfig
+) -> ChangedObject:
     sides = [s for s in (change.before, change.after) if s is not None]
     kind: Kind = "moved" if len(sides) == 2 else "removed" if change.before else "added"
     views = tuple(v for s in sides for v in _views(s, geometry, confidence))
@@ -56,6 +69,29 @@ def _object(change: Change, geometry: Geometry, confidence: ConfidenceConfig) ->
             )
         ),
         views=views,
+        support=_support(regions, geometry, threshold),
+        match=change.match,
+    )
+
+
+def _support(regions: Sequence[ChangedRegion], geometry: Geometry, threshold: float) -> Support:
+    """What single pairs of views say; several regions of a view are averaged by area."""
+    parts: dict[tuple[int, int], list[tuple[float, int]]] = {}
+    for region in regions:
+        for other, score in region.comparisons:
+            parts.setdefault((region.view, other), []).append((score, region.area))
+    scores = {
+        pair: float(np.average([s for s, _ in seen], weights=[area for _, area in seen]))
+        for pair, seen in parts.items()
+    }
+    strongest = sorted(scores, key=lambda pair: (-scores[pair], pair))[:STRONGEST]
+    return Support(
+        compared=len(scores),
+        above=sum(score > threshold for score in scores.values()),
+        strongest=tuple(
+            PairScore(*geometry.views[a].key, geometry.views[b].index, scores[a, b])
+            for a, b in strongest
+        ),
     )
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scenediff_classic.change.objects import SceneObject
+from scenediff_classic.types import Match
 
 
 @dataclass(frozen=True)
@@ -24,8 +25,8 @@ class Change:
 
     before: SceneObject | None
     after: SceneObject | None
-    similarity: float | None
-    """Descriptor cosine of the two sides of a moved object."""
+    match: Match | None
+    """The two sides of a moved object, or the likeliest counterpart that was not the same thing."""
 
 
 def pair_moves(
@@ -35,22 +36,42 @@ def pair_moves(
     least = default_similarity if config.similarity is None else config.similarity
     before = [o for o in objects if o.video == "before"]
     after = [o for o in objects if o.video == "after"]
-    candidates = sorted(
-        (-float(a.descriptor @ b.descriptor), i, j)
+    matches = {
+        (i, j): judged(a, b, least, config.max_size_ratio)
         for i, a in enumerate(before)
         for j, b in enumerate(after)
-        if _similar_size(a, b, config.max_size_ratio)
-    )
+    }
+    ranked = sorted(matches, key=lambda pair: (-matches[pair].similarity, pair))
     changes, used_before, used_after = [], set(), set()
-    for negative, i, j in candidates:
-        if -negative <= least or i in used_before or j in used_after:
+    for i, j in ranked:
+        if not same_thing(matches[i, j]) or i in used_before or j in used_after:
             continue
         used_before.add(i)
         used_after.add(j)
-        changes.append(Change(before[i], after[j], -negative))
-    changes += [Change(o, None, None) for i, o in enumerate(before) if i not in used_before]
-    changes += [Change(None, o, None) for j, o in enumerate(after) if j not in used_after]
+        changes.append(Change(before[i], after[j], matches[i, j]))
+    likeliest: tuple[dict[int, Match], dict[int, Match]] = {}, {}
+    for pair in ranked:
+        for side, number in zip(likeliest, pair, strict=True):
+            side.setdefault(number, matches[pair])
+    for i, o in enumerate(before):
+        if i not in used_before:
+            changes.append(Change(o, None, likeliest[0].get(i)))
+    for j, o in enumerate(after):
+        if j not in used_after:
+            changes.append(Change(None, o, likeliest[1].get(j)))
     return changes
+
+
+def judged(a: SceneObject, b: SceneObject, least: float, most: float) -> Match:
+    """How alike two objects of different captures are, beside what is asked of the same thing."""
+    low, high = sorted((size_of(a), size_of(b)))
+    return Match(float(a.descriptor @ b.descriptor), least, high / low if low > 0 else 0.0, most)
+
+
+def same_thing(match: Match) -> bool:
+    """Whether the two are one thing that moved."""
+    sizes_agree = match.most <= 0 or 0 < match.size_ratio <= match.most
+    return match.similarity > match.least and sizes_agree
 
 
 def size_of(item: SceneObject) -> float:
@@ -60,8 +81,3 @@ def size_of(item: SceneObject) -> float:
         return 0.0
     low, high = np.percentile(points, [5, 95], axis=0)
     return float(np.linalg.norm(high - low))
-
-
-def _similar_size(a: SceneObject, b: SceneObject, most: float) -> bool:
-    sizes = size_of(a), size_of(b)
-    return most <= 0 or min(sizes) * most >= max(sizes)

@@ -57,6 +57,8 @@ class ChangedRegion:
     descriptor: Float32[np.ndarray, "c"]
     points: Float64[np.ndarray, "n 3"]
     """World points, normalised units."""
+    comparisons: tuple[tuple[int, float], ...] = ()
+    """(position of a view of the other capture, score when compared with that one alone)."""
 
     @property
     def area(self) -> int:
@@ -89,6 +91,7 @@ def changed_regions(
     found = []
     for k, (view, proposal) in enumerate(zip(geometry.views, regions, strict=True)):
         scored = scores.regions[k]
+        compared = [(b, score) for (a, b), score in scores.comparisons.items() if a == k]
         changed = np.flatnonzero(np.nan_to_num(scored.total, nan=-np.inf) > threshold)
         if len(changed) == 0:
             continue
@@ -107,6 +110,9 @@ def changed_regions(
                     terms=TermScores(*(float(np.nan_to_num(t)) for t in terms)),
                     descriptor=scored.descriptors[label],
                     points=_cloud(points[mask]),
+                    comparisons=tuple(
+                        (b, float(s[label])) for b, s in compared if np.isfinite(s[label])
+                    ),
                 )
             )
     return found

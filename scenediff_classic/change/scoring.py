@@ -1,12 +1,14 @@
 """Region-level change scores (paper Sec. 4.2 and the first half of 4.3)."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Float32, Int32
 
 from scenediff_classic.cameras import unproject
+from scenediff_classic.change.feature_grids import FeatureGrids
 from scenediff_classic.change.harmonise import HarmoniseConfig, harmonised
 from scenediff_classic.change.kernels import best_cosine
 from scenediff_classic.change.visibility import (
@@ -18,6 +20,8 @@ from scenediff_classic.change.visibility import (
 )
 from scenediff_classic.protocols import FeatureExtractor, Progress, silent
 from scenediff_classic.types import VIDEOS, Geometry, Regions, ScoreMaps, View
+
+Scored = Float[np.ndarray, "..."]
 
 
 @dataclass(frozen=True)
@@ -33,12 +37,23 @@ class ScoringConfig:
     shift_cells: int = 1
     """A feature may match within this many grid cells of its reprojection: registration is not
     perfect, and a silhouette off by a pixel is no change. 0 = the paper's exact comparison."""
+    min_measured: float = 1.0
+    """Share of a region's compared pixels that must have measured depth on both sides for their
+    mean gap to count in full; with fewer, E_geom is less in proportion."""
     min_visible: float = 0.3
     """Regions with a smaller visible part have no score (0 after smoothing, as in the paper)."""
     voxel: float = 1 / 200
     """Side of the voxels that average scores over the views of a capture."""
     visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
     harmonise: HarmoniseConfig = field(default_factory=HarmoniseConfig)
+
+    def total(self, geometry: Scored, feature: Scored, region: Scored) -> Scored:
+        """Weighted sum of the three terms (eq. 4); a region without counterpart term has 0."""
+        return (
+            self.geometry_weight * geometry
+            + self.feature_weight * feature
+            + self.region_weight * np.nan_to_num(region)
+        )
 
 
 @dataclass(frozen=True)
@@ -60,6 +75,9 @@ class Scores:
     maps: tuple[ScoreMaps, ...]
     regions: tuple[RegionScores, ...]
     pairs: tuple[tuple[int, int], ...]
+    comparisons: Mapping[tuple[int, int], Float[np.ndarray, "n"]]
+    """Score of every region of the first view when compared with the second alone; NaN = that one
+    cannot see it."""
 
 
 def score_changes(
@@ -68,6 +86,7 @@ def score_changes(
     features: FeatureExtractor,
     config: ScoringConfig,
     progress: Progress = silent,
+    folder: Path | None = None,
 ) -> Scores:
     """Compare every pair of co-visible views, both ways, and pool the evidence.
 
@@ -77,24 +96,29 @@ def score_changes(
         In normalised units (`change.scale.normalised`).
     regions : sequence of Regions
         One per view.
+    folder : Path, optional
+        Where features lie while they are needed; the system's temporary folder if left out.
     """
     views = geometry.views
     pairs = pair_views(geometry, config.visibility)
-    grids = []
-    for k, view in enumerate(
-        harmonised(geometry, pairs, config.harmonise, config.visibility).views
-    ):
-        grids.append(features(view))
-        progress("features", k + 1, len(views))
-    descriptors = [_region_means(g, r) for g, r in zip(grids, regions, strict=True)]
     totals = [_Accumulator(view.shape, r) for view, r in zip(views, regions, strict=True)]
     prepared = [Comparable.of(view, config.visibility) for view in views]
-    for done, (i, j) in enumerate(pairs):
-        for a, b in ((i, j), (j, i)):
-            seen = reproject(prepared[a], prepared[b], config.visibility)
-            distance = feature_distance(grids[a], grids[b], seen, views[b], config.shift_cells)
-            totals[a].add(seen, distance, descriptors[a], descriptors[b], config)
-        progress("scores", done + 1, len(pairs))
+    alike = harmonised(geometry, pairs, config.harmonise, config.visibility).views
+    comparisons = {}
+
+    def encoded(done: int) -> None:
+        progress("features", done, len(views))
+
+    with FeatureGrids.of(alike, features, folder, encoded) as grids:
+        descriptors = [_region_means(grids[k], r) for k, r in enumerate(regions)]
+        for done, (i, j) in enumerate(pairs):
+            for a, b in ((i, j), (j, i)):
+                seen = reproject(prepared[a], prepared[b], config.visibility)
+                distance = feature_distance(grids[a], grids[b], seen, views[b], config.shift_cells)
+                comparisons[a, b] = totals[a].add(
+                    seen, distance, descriptors[a], descriptors[b], config
+                )
+            progress("scores", done + 1, len(pairs))
     averaged = [t.averaged(config) for t in totals]
     if len(views) > 2:  # a pair of single photos has nothing to average over (paper Sec. 4.4)
         smoothed = smooth_in_3d(views, regions, [m.total for m in averaged], config)
@@ -112,7 +136,7 @@ def score_changes(
                 descriptors=d,
             )
         )
-    return Scores(tuple(maps), tuple(scored), pairs)
+    return Scores(tuple(maps), tuple(scored), pairs, comparisons)
 
 
 def feature_distance(
@@ -205,11 +229,17 @@ class _Accumulator:
         own: np.ndarray,
         other: np.ndarray,
         config: ScoringConfig,
-    ) -> None:
-        """Pool one comparison over the regions and add it where the pair could see."""
+    ) -> Float[np.ndarray, "n"]:
+        """Pool one comparison over the regions and add it where the pair could see.
+
+        Returns the score of every region in this comparison; NaN = not visible.
+        """
         gap = np.where(seen.visible, np.clip(seen.gap, None, config.geometry_cap), np.nan)
-        gap = np.where(seen.measured | ~seen.visible, gap, 0)  # a guessed depth proves nothing
-        e_geom, visible = region_means(gap, self.regions)
+        _, visible = region_means(gap, self.regions)
+        e_geom, measured = region_means(np.where(seen.measured, gap, np.nan), self.regions)
+        # a guessed depth proves nothing
+        enough = np.maximum(config.min_measured * visible, 1e-9)
+        e_geom = np.nan_to_num(e_geom) * np.minimum(measured / enough, 1)
         e_feat, _ = region_means(np.where(seen.visible, distance, np.nan), self.regions)
         e_region = np.full(self.regions.count, np.nan)
         if len(other):
@@ -221,17 +251,13 @@ class _Accumulator:
             known = np.isfinite(painted)
             self.sums[k][known] += painted[known]
             self.counts[k] += known
+        return config.total(e_geom, e_feat, e_region)
 
     def averaged(self, config: ScoringConfig) -> ScoreMaps:
         """Unweighted mean over the pairs that saw the pixel, and the weighted sum (eq. 4)."""
         with np.errstate(invalid="ignore"):
             geometry, feature, region = self.sums / np.where(self.counts > 0, self.counts, np.nan)
-        total = (
-            config.geometry_weight * geometry
-            + config.feature_weight * feature
-            + config.region_weight * np.nan_to_num(region)
-        )
-        return ScoreMaps(geometry, feature, region, total)
+        return ScoreMaps(geometry, feature, region, config.total(geometry, feature, region))
 
 
 def _region_means(grid: np.ndarray, regions: Regions) -> Float32[np.ndarray, "n c"]:

@@ -28,6 +28,9 @@ class Ranking:
         )
 
 
+NO_DETECTIONS = Ranking.pooled([])
+
+
 def average_precision(ranking: Ranking) -> float:
     """Area under the precision-recall curve; 0 without detections or without truths.
 

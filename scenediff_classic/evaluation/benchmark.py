@@ -14,6 +14,7 @@ from scenediff_classic.dataset import (
     read_prediction,
 )
 from scenediff_classic.errors import InputError
+from scenediff_classic.evaluation.average_precision import NO_DETECTIONS, Ranking
 from scenediff_classic.evaluation.metrics import Metrics
 from scenediff_classic.evaluation.pairs import PairScores, score_pair, summarise
 from scenediff_classic.evaluation.rules import Mode, Rules, rules_of
@@ -46,6 +47,8 @@ class EvaluationResult:
     pairs: tuple[PairResult, ...]
     """In the benchmark's order."""
     warnings: tuple[str, ...] = ()
+    objects: Ranking = NO_DETECTIONS
+    """Every reported object of the pairs that count: its confidence, and whether it is right."""
 
 
 def evaluate(
@@ -103,7 +106,8 @@ def evaluate(
         what = "Pairs without a readable prediction and truth"
         fate = "counted as all missed" if rules.counts_missing else "left out"
         warnings = (*warnings, f"{what}: {unusable} of {len(rows)}, {fate}.")
-    return EvaluationResult(mode, summarise(scores, rules), tuple(rows), warnings)
+    objects = Ranking.pooled(score.objects for score in scores)
+    return EvaluationResult(mode, summarise(scores, rules), tuple(rows), warnings, objects)
 
 
 def _evaluate_pair(

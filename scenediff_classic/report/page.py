@@ -15,6 +15,7 @@ from scenediff_classic.report.embedded import Picture, embed
 from scenediff_classic.report.heatmaps import Scale, ScoreRow, scales, score_rows
 from scenediff_classic.report.keyframes import KeyPair, choose_pairs, key_pairs
 from scenediff_classic.report.palette import KIND_COLOUR, VIDEO_COLOUR, css, heat_gradient
+from scenediff_classic.report.reasons import reasons
 from scenediff_classic.report.viewer import scene_json
 from scenediff_classic.result import RunInfo, json_ready
 from scenediff_classic.types import (
@@ -58,6 +59,7 @@ class _Row:
     item: ChangedObject
     places: tuple[_Place, ...]
     views: str
+    reasons: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -245,7 +247,8 @@ def _row(
         crops = crops_of(item, evidence.geometry, captures)
     seen = Counter(view.video for view in item.views)
     views = ", ".join(f"{seen[video]} {video}" for video in VIDEOS if seen[video])
-    return _Row(item, tuple(_place(item, video, crops[video]) for video in VIDEOS), views)
+    places = tuple(_place(item, video, crops[video]) for video in VIDEOS)
+    return _Row(item, places, views, reasons(item))
 
 
 def _place(item: ChangedObject, video: Video, crop: Crop | None) -> _Place:

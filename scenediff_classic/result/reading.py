@@ -16,8 +16,11 @@ from scenediff_classic.types import (
     ChangeResult,
     FrameInfo,
     Kind,
+    Match,
     ObjectView,
+    PairScore,
     Placement,
+    Support,
     TermScores,
     Video,
     VideoInfo,
@@ -191,6 +194,35 @@ def _read_object(node: _Node, sizes: _Sizes) -> ChangedObject:
             scores["geometry"].number(), scores["feature"].number(), scores["region"].number()
         ),
         views=tuple(_read_view(view, sizes) for view in node["views"].items()),
+        support=node.optional("support").or_none(lambda n: _read_support(n, sizes)),
+        match=node.optional("match").or_none(_read_match),
+    )
+
+
+def _read_support(node: _Node, sizes: _Sizes) -> Support:
+    def pair(item: _Node) -> PairScore:
+        video: Video = item["video"].one_of(VIDEOS)
+        frame, other = item["frame"].whole(), item["other"].whole()
+        if (video, frame) not in sizes:
+            item["frame"].fail(f"the index of a frame of {video}")
+        opposite: Video = "after" if video == "before" else "before"
+        if (opposite, other) not in sizes:
+            item["other"].fail(f"the index of a frame of {opposite}")
+        return PairScore(video, frame, other, item["score"].number())
+
+    return Support(
+        compared=node["compared"].whole(),
+        above=node["above"].whole(),
+        strongest=tuple(pair(item) for item in node["strongest"].items()),
+    )
+
+
+def _read_match(node: _Node) -> Match:
+    return Match(
+        similarity=node["similarity"].number(),
+        least=node["least"].number(),
+        size_ratio=node["size_ratio"].number(),
+        most=node["most"].number(),
     )
 
 

@@ -4,7 +4,15 @@ import json
 from pathlib import Path
 from typing import Any
 
-from scenediff_classic.types import ChangedObject, ChangeResult, ObjectView, Placement, VideoInfo
+from scenediff_classic.types import (
+    ChangedObject,
+    ChangeResult,
+    Match,
+    ObjectView,
+    Placement,
+    Support,
+    VideoInfo,
+)
 from scenediff_classic.workspace import write_atomic
 
 SCHEMA_VERSION = 1
@@ -85,7 +93,34 @@ def _object_json(item: ChangedObject) -> dict[str, Any]:
             "feature": _rounded(item.scores.feature),
             "region": _rounded(item.scores.region),
         },
+        "support": item.support and _support_json(item.support),
+        "match": item.match and _match_json(item.match),
         "views": [_view_json(view) for view in item.views],
+    }
+
+
+def _support_json(support: Support) -> dict[str, Any]:
+    return {
+        "compared": int(support.compared),
+        "above": int(support.above),
+        "strongest": [
+            {
+                "video": pair.video,
+                "frame": int(pair.frame),
+                "other": int(pair.other),
+                "score": _rounded(pair.score),
+            }
+            for pair in support.strongest
+        ],
+    }
+
+
+def _match_json(match: Match) -> dict[str, float]:
+    return {
+        "similarity": _rounded(match.similarity),
+        "least": _rounded(match.least),
+        "size_ratio": _rounded(match.size_ratio),
+        "most": _rounded(match.most),
     }
 
 

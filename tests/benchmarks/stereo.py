@@ -19,6 +19,7 @@ import tyro
 from jaxtyping import Bool, Float, Float32, Float64
 
 from scenediff_classic.cameras import project, scale_intrinsics
+from scenediff_classic.evaluation.calibration import reliability
 from scenediff_classic.geometry.stereo import kernels, kernels_reference
 from scenediff_classic.geometry.stereo.depth_confidence import RIGHT
 from scenediff_classic.geometry.stereo.multi_view import MultiViewStereo, StereoWork
@@ -176,21 +177,6 @@ def measure(
     return figures, np.c_[trust, error < RIGHT][has_depth]
 
 
-def reliability(pixels: Float[np.ndarray, "n 2"]) -> tuple[list[str], float]:
-    """Rows (confidence, share of pixels, how many are right) and the expected calibration error."""
-    rows, expected = [], 0.0
-    tenth = np.minimum((pixels[:, 0] * 10).astype(int), 9)
-    for k in range(10):
-        trust, right = pixels[tenth == k].T
-        if len(trust):
-            gap = abs(trust.mean() - right.mean())
-            expected += gap * len(trust) / len(pixels)
-            bar = "#" * round(40 * right.mean())
-            share = len(trust) / len(pixels)
-            rows.append(f"{k / 10:.1f}-{k / 10 + 0.1:.1f} {share:6.1%}  {right.mean():6.1%}  {bar}")
-    return rows, expected
-
-
 def speed(geometry: Geometry, truth: Truth) -> str:
     """Cost of judging one plane in one source, against the NumPy twin and against a bound."""
     view, others = geometry.views[0], geometry.views[1:5]
@@ -243,9 +229,10 @@ def main(options: Options) -> None:
         rows.append([*vars(figures).values()])
         pixels.append(trusted)
     print(f"{'mean':>16}  {Figures(*np.mean(rows, axis=0))}")
-    table, expected = reliability(np.concatenate(pixels))
-    print("\nconfidence, share of the found depth, right within 2 %", *table, sep="\n")
-    print(f"expected calibration error {expected:.3f}\n")
+    trust, right = np.concatenate(pixels).T
+    diagram = reliability(trust, right > 0)
+    print("\nconfidence, share of the found depth, right within 2 %", *diagram.rows(), sep="\n")
+    print(f"expected calibration error {diagram.error:.3f}\n")
     print(speed(*rendered_capture(options.pairs[0], options.video, options.width)))
 
 
@@ -275,17 +262,6 @@ def test_reader_of_rendered_captures(tmp_path: Path) -> None:
     assert np.nanmax(np.abs(coarse[0] / truth[0][::2, ::2] - 1)) < 0.03
 
 
-def test_measures_what_is_right() -> None:
-    """Reliability of a forecast that is right as often as it says, and of one that boasts."""
-    rng = np.random.default_rng(0)
-    trust = rng.uniform(0, 1, 20_000)
-    honest = np.c_[trust, rng.uniform(size=20_000) < trust]
-    assert reliability(honest)[1] < 0.02
-    assert len(reliability(honest)[0]) == 10
-    boasting = np.c_[np.full(1000, 0.95), rng.uniform(size=1000) < 0.5]
-    assert reliability(boasting)[1] > 0.4
-
-
 @pytest.mark.slow
 def test_stereo_is_accurate_and_knows_how_sure_it_is() -> None:
     geometry, truth = room(height=120, width=160, count=6)
@@ -294,7 +270,7 @@ def test_stereo_is_accurate_and_knows_how_sure_it_is() -> None:
     assert figures.within_2 > 80
     assert figures.kept > 40
     assert figures.kept_within_2 > 95
-    assert reliability(pixels)[1] < 0.1
+    assert reliability(pixels[:, 0], pixels[:, 1] > 0).error < 0.1
 
 
 if __name__ == "__main__":

@@ -158,3 +158,19 @@ def test_masks_have_the_input_size():
     assert result.objects
     assert decode(result.objects[0].views[0].mask).shape == (180, 240)
     assert render([], "before", 0, (0, 0, 0)).shape == (90, 120)
+
+
+def test_every_object_says_what_speaks_for_it(changed, found):
+    for item in strong(found):
+        assert item.support is not None
+        assert 0 < item.support.above <= item.support.compared
+        assert item.support.compared <= 9 * (2 if item.kind == "moved" else 1)  # 3 x 3 frames
+        scores = [pair.score for pair in item.support.strongest]
+        assert scores == sorted(scores, reverse=True)
+        assert scores[0] > found.threshold
+        shown = {(v.video, v.frame) for v in item.views}
+        assert {(p.video, p.frame) for p in item.support.strongest} <= shown
+    moved = next(o for o in strong(found) if o.kind == "moved")
+    assert moved.match is not None
+    assert moved.match.similarity > moved.match.least
+    assert moved.match.size_ratio == pytest.approx(1, abs=0.2)

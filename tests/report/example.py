@@ -22,10 +22,13 @@ from scenediff_classic.types import (
     Geometry,
     Kind,
     Lens,
+    Match,
     ObjectView,
+    PairScore,
     Placement,
     ScoreMaps,
     SparsePoints,
+    Support,
     TermScores,
     Unregistered,
     Video,
@@ -212,6 +215,8 @@ def _objects(before: list[_Shot], after: list[_Shot]) -> tuple[ChangedObject, ..
             None if was is None else was[1], None if now is None else now[1],
             TermScores(0.31, 0.42 - 0.1 * number, 0.22),
             (*_views(before, was, confidence), *_views(after, now, confidence)),
+            Support(9, 7, (PairScore("before" if was else "after", 0, 1, 0.61),)),
+            Match(0.97 if was and now else 0.41, 0.93, 1.1, 2.5),
         )
         for number, (kind, was, now, confidence) in enumerate(spots)
     )  # fmt: skip

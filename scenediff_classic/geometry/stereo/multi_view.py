@@ -43,10 +43,12 @@ class MultiViewStereo:
     """The same where a view has a single source: a short baseline tells depth less exactly."""
     min_supporters: int = 2
     """Views that must confirm a depth (fewer where a view has fewer sources of its own video)."""
-    min_confidence: float = 0.95
-    """Confirmed depth that is less likely to be right is dropped all the same. Strict, for wrong
-    depth is reported as a change: with 0.5, two pairs without any change gave eight objects."""
-    pair_min_confidence: float = 0.5
+    min_confidence: float = 0.5
+    """Confirmed depth that is less likely to be right is dropped all the same."""
+    sure_confidence: float = 0.95
+    """Depth counts as measured, and so as evidence of a change, only from here on. Strict, for
+    wrong depth is reported as a change: with 0.5, two pairs without any gave eight objects."""
+    pair_sure_confidence: float = 0.5
     """The same where a view has a single source, which can hardly make it surer."""
 
     def __call__(self, geometry: Geometry, workspace: Path, progress: Progress) -> Geometry:
@@ -124,22 +126,22 @@ class StereoWork:
     def confirmed(self, first: Sequence[View], second: Sequence[View]) -> Iterator[View]:
         """The views with what enough others agree with, and how sure it is.
 
-        Depth must have been found and confirmed before the views knew of each other, too: in the
-        second pass they can talk each other into the same mistake. A single pair is spared this.
+        Sure depth must have been found and confirmed before the views knew of each other, too: in
+        the second pass they can talk each other into a mistake. A single pair is spared this.
         """
         for i, view in enumerate(second):
             confidence, supporters = self.confidence(i, second)
-            kept = self._enough(i, supporters)
+            kept = self._enough(i, supporters) & (confidence >= self.stereo.min_confidence)
             if len(self.sources[i]) == 1:
-                kept &= confidence >= self.stereo.pair_min_confidence
+                sure = kept & (confidence >= self.stereo.pair_sure_confidence)
             else:
-                kept &= confidence >= self.stereo.min_confidence
-                kept &= self._found_alone(i, view, first)
+                sure = kept & (confidence >= self.stereo.sure_confidence)
+                sure &= self._found_alone(i, view, first)
             yield replace(
                 view,
                 depth=np.where(kept, view.depth, np.nan).astype(np.float32),
                 confidence=np.where(kept, confidence, 0).astype(np.float32),
-                measured=kept,
+                measured=sure,
             )
 
     def _found_alone(self, i: int, view: View, first: Sequence[View]) -> Bool[np.ndarray, "h w"]:
