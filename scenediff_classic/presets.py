@@ -5,13 +5,13 @@ from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
+from scenediff_classic.devices import Device, check_device
 from scenediff_classic.errors import InputError
 from scenediff_classic.geometry.from_pictures import GeometryFromPictures
 from scenediff_classic.geometry.known_cameras import KnownGeometry
 from scenediff_classic.geometry.registration.structure_from_motion import StructureFromMotion
 from scenediff_classic.geometry.stereo.completion import DepthCompletion
 from scenediff_classic.geometry.stereo.depth_map import Matcher
-from scenediff_classic.geometry.stereo.devices import Device, check_device
 from scenediff_classic.geometry.stereo.multi_view import MultiViewStereo
 from scenediff_classic.geometry.stereo.patchmatch import PatchMatch
 from scenediff_classic.geometry.stereo.plane_sweep import PlaneSweep
