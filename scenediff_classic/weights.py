@@ -77,12 +77,12 @@ class Preprocessing:
 
     def __call__(
         self, image: UInt8[np.ndarray, "h w 3"], height: int, width: int
-    ) -> Float32[np.ndarray, "3 height width"]:
+    ) -> Float32[np.ndarray, "3 a b"]:
         """Resize (with anti-aliasing), then normalise."""
         filtered = Image.Resampling(self.resampling)
         resized = np.asarray(Image.fromarray(image).resize((width, height), filtered))
         scaled = resized.astype(np.float32) * np.float32(self.scale)
-        values = (scaled - np.float32(self.mean)) / np.float32(self.std)
+        values = (scaled - np.array(self.mean, np.float32)) / np.array(self.std, np.float32)
         return np.ascontiguousarray(values.transpose(2, 0, 1))
 
 
