@@ -88,13 +88,17 @@ class SamRegions:
                 answer = model(
                     image_embeddings=encoded, input_points=prompts, multimask_output=True
                 )
-                found.append(self._trusted(answer.pred_masks[0], answer.iou_scores[0]))
+                masks = answer.pred_masks[0]
+                rows, columns = (
+                    n * part / side
+                    for n, part in zip(masks.shape[-2:], (height, width), strict=True)
+                )
+                masks = masks[..., : math.ceil(rows), : math.ceil(columns)]  # without the padding
+                found.append(self._trusted(masks, answer.iou_scores[0]))
         logits = np.concatenate([masks for masks, _ in found])
         scores = np.concatenate([scores for _, scores in found])
         best_first = np.argsort(-scores, kind="stable")
-        rows, columns = logits.shape[1] * height / side, logits.shape[2] * width / side
-        inside = logits[best_first, : math.ceil(rows), : math.ceil(columns)]
-        return Proposals(inside, scores[best_first], (rows, columns))
+        return Proposals(logits[best_first], scores[best_first], (rows, columns))
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -132,12 +136,12 @@ class SamRegions:
         least = _MIN_SCORE[self.source.kind] if self.min_score is None else self.min_score
         inner, outer = ((logits > level).sum((1, 2)) for level in (1, -1))
         use = (scores >= least) & (inner >= self.min_stability * outer) & (inner > 0)
-        return logits[use].half().cpu().numpy(), scores[use].float().cpu().numpy()
+        return logits[use].clamp(-1e3, 1e3).half().cpu().numpy(), scores[use].float().cpu().numpy()
 
 
 def distinct(proposals: Proposals, max_overlap: float) -> Proposals:
     """Non-maximum suppression: the masks that overlap no better one too much, best first."""
-    inside = (proposals.logits > 0).reshape(len(proposals.scores), -1)
+    inside = proposals.logits.reshape(-1, math.prod(proposals.logits.shape[1:])) > 0
     sizes = inside.sum(axis=1)
     bits = np.packbits(inside, axis=1)
     left = np.arange(len(sizes))
