@@ -40,7 +40,7 @@ def find_weights(weights: str, *, download: bool = False) -> Path:
         If there is no such folder and no such model in the cache, or fetching fails.
     """
     folder = Path(weights).expanduser()
-    if folder.is_dir():
+    if weights and folder.is_dir():
         return folder
     if not _MODEL_ID.fullmatch(weights):
         raise InputError(

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import jsonschema
+import numpy as np
 import pytest
 
 pytest.importorskip("transformers")
@@ -17,7 +18,7 @@ from scenediff_classic.result.run import json_ready
 from scenediff_classic.result.writing import write_result
 from scenediff_classic.types import Geometry
 from tests.change.running import detect
-from tests.learned_models import dino, sam
+from tests.learned_models import BrightChannels, answered_by, dino, sam
 from tests.plane_scene import BOOK, BOOK_ELSEWHERE, VASE, scene
 
 
@@ -32,9 +33,13 @@ def features(tmp_path_factory: pytest.TempPathFactory) -> DinoFeatures:
 
 
 @pytest.fixture(scope="module")
-def regions(tmp_path_factory: pytest.TempPathFactory) -> SamRegions:
-    folder = sam("sam2", tmp_path_factory.mktemp("sam"))
-    return SamRegions(str(folder), points_per_side=4, min_score=-100.0, min_stability=0.0)
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return sam("sam2", tmp_path_factory.mktemp("sam"))
+
+
+@pytest.fixture(scope="module")
+def regions(folder: Path) -> SamRegions:
+    return SamRegions(str(folder), points_per_side=2, min_score=-100.0, min_stability=0.0)
 
 
 def test_learned_features_find_what_geometry_shows(
@@ -44,21 +49,31 @@ def test_learned_features_find_what_geometry_shows(
     assert {o.kind for o in result.objects} & {"removed", "moved"}
 
 
-def test_both_plug_ins_give_a_valid_result(
+def test_learned_regions_mark_what_was_removed(
+    changed: Geometry, features: DinoFeatures, folder: Path, tmp_path: Path
+) -> None:
+    # of all there is, only the vase is bright in the third channel: the rest is no region
+    options = SamRegions(str(folder), points_per_side=2, min_score=0.2, min_stability=0.5)
+    result, _ = detect(changed, features=features, regions=answered_by(BrightChannels(), options))
+    assert [(o.kind, len(o.views)) for o in result.objects] == [("removed", 3)]
+    truth = {
+        v.key: np.abs(v.depth - VASE.z + v.cam_from_world[2, 3] * -1) < 1e-4 for v in changed.views
+    }
+    for seen in result.objects[0].views:
+        mask, wanted = decode(seen.mask), truth[seen.video, seen.frame]
+        assert (mask & wanted).sum() / (mask | wanted).sum() > 0.7
+
+
+def test_regions_of_a_real_model_give_a_valid_result(
     changed: Geometry, features: DinoFeatures, regions: SamRegions, tmp_path: Path
 ) -> None:
     result, evidence = detect(changed, features=features, regions=regions)
-    assert result.objects
-    for item in result.objects:
-        for seen in item.views:
-            assert decode(seen.mask).any()
-    assert len(evidence.scores) == 6
+    assert any(np.isfinite(m.total).any() for m in evidence.scores)
     write_result(result, tmp_path / "changes.json")
     schema = Path(scenediff_classic.__file__).with_name("changes.schema.json")
     jsonschema.validate(
         json.loads((tmp_path / "changes.json").read_text()), json.loads(schema.read_text())
     )
-    assert detect(changed, features=features, regions=regions)[0] == result
 
 
 def test_without_any_region_nothing_is_reported(

@@ -1,8 +1,7 @@
 """SAM regions against the published post-processing, on tiny models of the real classes."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +16,7 @@ from scenediff_classic.errors import InputError
 from scenediff_classic.protocols import RegionProposer
 from scenediff_classic.regions.sam import Proposals, SamRegions, distinct, in_pixels, painted
 from scenediff_classic.types import View
-from tests.learned_models import MEAN, SAM_KINDS, SAM_SIDE, STD, sam
+from tests.learned_models import MEAN, SAM_KINDS, SAM_SIDE, STD, BrightChannels, answered_by, sam
 from tests.plane_scene import BOOK, VASE, render
 
 ALL = {"points_per_side": 4, "min_score": -100.0, "min_stability": 0.0}
@@ -97,35 +96,6 @@ def test_the_size_of_the_chunks_does_not_matter(folder: Path, view: View) -> Non
     assert np.mean(whole(view).labels == parts(view).labels) > 0.99
 
 
-@dataclass
-class Threshold:
-    """Stands for a model: the masks are where a colour channel of its input is bright."""
-
-    side: int = 64
-    calls: int = 0
-
-    def __post_init__(self) -> None:
-        self.config = SimpleNamespace(prompt_encoder_config=SimpleNamespace(image_size=self.side))
-
-    def get_image_embeddings(self, pixels: torch.Tensor) -> torch.Tensor:
-        assert pixels.shape == (1, 3, self.side, self.side)
-        return pixels
-
-    def __call__(self, image_embeddings, input_points, multimask_output):
-        assert multimask_output
-        self.calls += 1
-        count = input_points.shape[1]
-        logits = 20 * image_embeddings.repeat(count, 1, 1, 1)[None]
-        scores = torch.tensor([[0.99, 0.95, 0.3]]).repeat(count, 1)[None]
-        return SimpleNamespace(pred_masks=logits, iou_scores=scores)
-
-
-def with_model(folder: Path, model: Threshold, **options) -> SamRegions:
-    regions = SamRegions(str(folder), **options)
-    regions.__dict__["_model"] = model, "cpu"
-    return regions
-
-
 @pytest.mark.parametrize("size", [(60, 80), (95, 71), (128, 128), (40, 301)])
 def test_regions_lie_where_things_are(folder: Path, size: tuple[int, int]) -> None:
     """Whether a model pads (SAM) or stretches (SAM 2), masks come in the picture's pixels."""
@@ -137,8 +107,10 @@ def test_regions_lie_where_things_are(folder: Path, size: tuple[int, int]) -> No
     image[: height // 4, -width // 5 :, 1] = 255
     blank = render([], "before", 0, (0.0, 0.0, 0.0), width=width, height=height)
     seen = replace(blank, image=image)
-    model = Threshold()
-    found = with_model(folder, model, points_per_side=4, chunk=3, min_stability=0.5)(seen)
+    model = BrightChannels()
+    found = answered_by(
+        model, SamRegions(str(folder), points_per_side=4, chunk=3, min_stability=0.5)
+    )(seen)
     assert found.count == 2
     assert model.calls == 6  # 16 points, 3 at a time
     label = found.labels[height - 1, width // 2]
