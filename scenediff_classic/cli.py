@@ -22,13 +22,13 @@ from scenediff_classic.change.scoring import ScoringConfig
 from scenediff_classic.change.threshold import ThresholdConfig
 from scenediff_classic.dataset.export import ExportFormat, export
 from scenediff_classic.detection_run import CaptureOptions, run_detection
+from scenediff_classic.devices import Device
 from scenediff_classic.errors import SceneDiffError
 from scenediff_classic.evaluation.benchmark import Split, Subset, evaluate
 from scenediff_classic.evaluation.rules import Mode
 from scenediff_classic.evaluation.tables import pair_table, summary_table, to_json
-from scenediff_classic.geometry.stereo.devices import Device
 from scenediff_classic.pipeline import DetectConfig, detect_changes
-from scenediff_classic.presets import Preset, StereoMethod, configured
+from scenediff_classic.presets import Preset, StereoMethod, configured, weight_files
 from scenediff_classic.protocols import Progress
 from scenediff_classic.report.page import verdict
 from scenediff_classic.result.reading import read_result
@@ -70,10 +70,17 @@ class Detect:
     seed: int = 0
     """Same seed and device, same result."""
     device: Device = "auto"
-    """Where stereo computes: auto is cuda if PyTorch finds a CUDA device, otherwise cpu. All other
-    stages run on the CPU."""
+    """Where stereo and learned models compute: auto is cuda if PyTorch finds a CUDA device,
+    otherwise cpu. All other stages run on the CPU."""
     stereo: StereoMethod = "patchmatch"
     """How depth is matched: a plane sweep takes less time and is less exact."""
+    learned_features: str | None = None
+    """Features of a DINOv2 or DINOv3 model instead of classical ones: a folder with its weights, or
+    its id in your Hugging Face cache. Needs the extra "learned"."""
+    learned_regions: str | None = None
+    """Regions of a SAM or SAM 2 model instead of classical ones: the same."""
+    allow_download: bool = False
+    """Fetch these weights from the Hugging Face hub; otherwise only this computer is searched."""
     overwrite: bool = False
     """Replace the result of another run in the output folder."""
     scoring: ScoringConfig = field(default_factory=ScoringConfig)
@@ -88,8 +95,10 @@ class Detect:
         )
         config = configured(
             self.preset, long_side=self.long_side, seed=self.seed, geometry=self.geometry,
-            device=self.device, stereo=self.stereo, base=base,
+            device=self.device, stereo=self.stereo, learned_features=self.learned_features,
+            learned_regions=self.learned_regions, allow_download=self.allow_download, base=base,
         )  # fmt: skip
+        known = () if self.geometry is None else (self.geometry,)
         with _progress() as progress:
             result = run_detection(
                 self._capture(self.before, self.before_range, self.before_ignore),
@@ -101,7 +110,7 @@ class Detect:
                 config,
                 seed=self.seed,
                 overwrite=self.overwrite,
-                uses=() if self.geometry is None else (self.geometry,),
+                uses=(*known, *weight_files(config)),
                 command=tuple(sys.argv),
                 progress=progress,
             )

@@ -8,9 +8,10 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from hashlib import sha256
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -154,7 +155,10 @@ def _produce(
 
 
 def _versions() -> Mapping[str, str]:
-    return {"python": sys.version.split()[0], **{name: version(name) for name in _PACKAGES}}
+    found = {"python": sys.version.split()[0], **{name: version(name) for name in _PACKAGES}}
+    with suppress(PackageNotFoundError):
+        found["transformers"] = version("transformers")  # an extra
+    return found
 
 
 def _peak_memory() -> int:

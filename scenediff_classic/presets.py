@@ -5,17 +5,20 @@ from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
+from scenediff_classic.devices import Device, check_device
 from scenediff_classic.errors import InputError
+from scenediff_classic.features.dino import DinoFeatures
 from scenediff_classic.geometry.from_pictures import GeometryFromPictures
 from scenediff_classic.geometry.known_cameras import KnownGeometry
 from scenediff_classic.geometry.registration.structure_from_motion import StructureFromMotion
 from scenediff_classic.geometry.stereo.completion import DepthCompletion
 from scenediff_classic.geometry.stereo.depth_map import Matcher
-from scenediff_classic.geometry.stereo.devices import Device, check_device
 from scenediff_classic.geometry.stereo.multi_view import MultiViewStereo
 from scenediff_classic.geometry.stereo.patchmatch import PatchMatch
 from scenediff_classic.geometry.stereo.plane_sweep import PlaneSweep
 from scenediff_classic.pipeline import DetectConfig
+from scenediff_classic.regions.sam import SamRegions
+from scenediff_classic.weights import find_weights
 
 Preset = Literal["fast", "balanced", "accurate"]
 
@@ -41,6 +44,9 @@ def configured(
     geometry: Path | None = None,
     device: Device = "auto",
     stereo: StereoMethod = "patchmatch",
+    learned_features: str | None = None,
+    learned_regions: str | None = None,
+    allow_download: bool = False,
     base: DetectConfig = DetectConfig(),  # noqa: B008 (frozen)
 ) -> DetectConfig:
     """The options of a preset.
@@ -52,16 +58,20 @@ def configured(
     geometry : Path, optional
         Known geometry to use instead of structure from motion and stereo.
     device : "auto", "cpu" or "cuda"
-        Where stereo computes.
+        Where stereo and learned models compute.
     stereo : "patchmatch" or "plane-sweep"
         How depth is matched: a plane sweep is quicker and less exact.
+    learned_features, learned_regions : str, optional
+        Weights of a DINO and of a SAM model (see `weights.find_weights`) for these stages.
+    allow_download : bool
+        Fetch these weights from the Hugging Face hub if they are no folders.
     base : DetectConfig
         Options of the later stages.
 
     Raises
     ------
     InputError
-        If a number is out of range, or the device is not there.
+        If a number is out of range, the device is not there, or weights cannot be used.
     """
     side = LONG_SIDE[preset] if long_side is None else long_side
     if side < MIN_LONG_SIDE:
@@ -70,6 +80,13 @@ def configured(
         raise InputError(f"The seed must be from 0 to {2**31 - 1}, not {seed}.")
     check_device(device)
     _check_numbers(base, "")
+    if learned_features is not None:
+        find_weights(learned_features, download=allow_download)
+        base = replace(base, features=DinoFeatures(learned_features, device))
+    if learned_regions is not None:
+        find_weights(learned_regions, download=allow_download)
+        base = replace(base, regions=SamRegions(learned_regions, device))
+    weight_files(base)  # refuses what cannot be loaded before any work is done
     if geometry is not None:
         return replace(base, geometry=KnownGeometry(geometry, long_side=side))
     planes = PatchMatch(seed=seed, device=device)
@@ -81,6 +98,14 @@ def configured(
     sfm = StructureFromMotion(long_side=side, seed=seed)
     completion = DepthCompletion(seed=seed)
     return replace(base, geometry=GeometryFromPictures(sfm, depth, completion))
+
+
+def weight_files(config: DetectConfig) -> tuple[Path, ...]:
+    """The files of learned models: what they hold decides the result."""
+    learned = (
+        p for p in (config.features, config.regions) if isinstance(p, (DinoFeatures, SamRegions))
+    )
+    return tuple(file for plug_in in learned for file in plug_in.files)
 
 
 def _check_numbers(options: Any, prefix: str) -> None:

@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from scenediff_classic import cli
-from scenediff_classic.geometry.stereo import devices
+from scenediff_classic import cli, devices
 from tests.command import Call, caller, names
 from tests.films import write_film
 from tests.privileges import as_nobody

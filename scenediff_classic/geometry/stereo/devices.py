@@ -3,19 +3,15 @@
 PyTorch is imported only once it is asked for: it takes a second and 200 MB.
 """
 
-import ctypes
 from collections.abc import Callable
 from functools import partial
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
-from scenediff_classic.errors import InputError
+from scenediff_classic.devices import Device, chosen_device
 from scenediff_classic.geometry.stereo import kernels
 from scenediff_classic.geometry.stereo.pyramid import Pictures
 from scenediff_classic.geometry.stereo.smoothing import smooth_planes
 from scenediff_classic.geometry.stereo.windows import prepare_windows
-
-Device = Literal["auto", "cpu", "cuda"]
-"""``auto`` is CUDA where there is any, otherwise the CPU."""
 
 
 class Kernels(NamedTuple):
@@ -40,25 +36,8 @@ def kernels_for(device: Device) -> Kernels:
     InputError
         If CUDA is asked for and not there.
     """
-    check_device(device)
-    return compiled() if device == "cpu" or not cuda_available() else in_torch("cuda")
-
-
-def check_device(device: Device) -> None:
-    """Raise an `InputError` if CUDA is asked for and not there."""
-    if device == "cuda" and not cuda_available():
-        raise InputError("PyTorch finds no CUDA device: choose the device cpu or auto instead.")
-
-
-def cuda_available() -> bool:
-    """Whether PyTorch can compute on a CUDA device here."""
-    try:
-        ctypes.CDLL("libcuda.so.1")  # without a driver, PyTorch need not be asked
-    except OSError:
-        return False
-    import torch
-
-    return torch.cuda.is_available()
+    chosen = chosen_device(device)
+    return compiled() if chosen == "cpu" else in_torch(chosen)
 
 
 def compiled() -> Kernels:

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float32
 
+from scenediff_classic.devices import Device
 from scenediff_classic.geometry.stereo.depth_map import DepthMap
-from scenediff_classic.geometry.stereo.devices import Device, Kernels, kernels_for
+from scenediff_classic.geometry.stereo.devices import Kernels, kernels_for
 from scenediff_classic.geometry.stereo.kernels import Rules
 from scenediff_classic.geometry.stereo.pyramid import (
     Pictures,

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 import torch
 
+from scenediff_classic import devices
 from scenediff_classic.errors import InputError
-from scenediff_classic.geometry.stereo import costs_torch, devices, kernels_torch, patchmatch
+from scenediff_classic.geometry.stereo import costs_torch, kernels_torch, patchmatch
 from scenediff_classic.geometry.stereo.depth_map import DepthMap
 from scenediff_classic.geometry.stereo.devices import Kernels, compiled, in_torch, kernels_for
 from scenediff_classic.geometry.stereo.multi_view import MultiViewStereo

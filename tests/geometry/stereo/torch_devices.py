@@ -2,7 +2,7 @@
 
 import pytest
 
-from scenediff_classic.geometry.stereo.devices import cuda_available
+from scenediff_classic.devices import cuda_available
 
 TORCH_DEVICES = [
     pytest.param("cpu", id="torch"),
