@@ -26,6 +26,7 @@ from scenediff_classic.errors import SceneDiffError
 from scenediff_classic.evaluation.benchmark import Split, Subset, evaluate
 from scenediff_classic.evaluation.rules import Mode
 from scenediff_classic.evaluation.tables import pair_table, summary_table, to_json
+from scenediff_classic.features.named import FeatureName
 from scenediff_classic.geometry.stereo.devices import Device
 from scenediff_classic.pipeline import DetectConfig, detect_changes
 from scenediff_classic.presets import Preset, StereoMethod, configured
@@ -74,6 +75,8 @@ class Detect:
     stages run on the CPU."""
     stereo: StereoMethod = "patchmatch"
     """How depth is matched: a plane sweep takes less time and is less exact."""
+    features: FeatureName = "gradient-colour"
+    """How the looks of surfaces are compared: gradients, SIFT, binary patterns and colours."""
     overwrite: bool = False
     """Replace the result of another run in the output folder."""
     scoring: ScoringConfig = field(default_factory=ScoringConfig)
@@ -88,7 +91,7 @@ class Detect:
         )
         config = configured(
             self.preset, long_side=self.long_side, seed=self.seed, geometry=self.geometry,
-            device=self.device, stereo=self.stereo, base=base,
+            device=self.device, stereo=self.stereo, features=self.features, base=base,
         )  # fmt: skip
         with _progress() as progress:
             result = run_detection(

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from scenediff_classic.errors import InputError
+from scenediff_classic.features.named import FEATURES, FeatureName
 from scenediff_classic.geometry.from_pictures import GeometryFromPictures
 from scenediff_classic.geometry.known_cameras import KnownGeometry
 from scenediff_classic.geometry.registration.structure_from_motion import StructureFromMotion
@@ -41,6 +42,7 @@ def configured(
     geometry: Path | None = None,
     device: Device = "auto",
     stereo: StereoMethod = "patchmatch",
+    features: FeatureName | None = None,
     base: DetectConfig = DetectConfig(),  # noqa: B008 (frozen)
 ) -> DetectConfig:
     """The options of a preset.
@@ -55,6 +57,8 @@ def configured(
         Where stereo computes.
     stereo : "patchmatch" or "plane-sweep"
         How depth is matched: a plane sweep is quicker and less exact.
+    features : str, optional
+        Name of the feature back-end to use instead of `base`'s (`features.named`).
     base : DetectConfig
         Options of the later stages.
 
@@ -70,6 +74,8 @@ def configured(
         raise InputError(f"The seed must be from 0 to {2**31 - 1}, not {seed}.")
     check_device(device)
     _check_numbers(base, "")
+    if features is not None:
+        base = replace(base, features=FEATURES[features])
     if geometry is not None:
         return replace(base, geometry=KnownGeometry(geometry, long_side=side))
     planes = PatchMatch(seed=seed, device=device)

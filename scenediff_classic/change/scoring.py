@@ -86,7 +86,7 @@ def score_changes(
     ):
         grids.append(features(view))
         progress("features", k + 1, len(views))
-    descriptors = [_region_means(g, r) for g, r in zip(grids, regions, strict=True)]
+    descriptors = [region_descriptors(g, r) for g, r in zip(grids, regions, strict=True)]
     totals = [_Accumulator(view.shape, r) for view, r in zip(views, regions, strict=True)]
     prepared = [Comparable.of(view, config.visibility) for view in views]
     for done, (i, j) in enumerate(pairs):
@@ -234,7 +234,10 @@ class _Accumulator:
         return ScoreMaps(geometry, feature, region, total)
 
 
-def _region_means(grid: np.ndarray, regions: Regions) -> Float32[np.ndarray, "n c"]:
+def region_descriptors(
+    grid: Float32[np.ndarray, "r k c"], regions: Regions
+) -> Float32[np.ndarray, "n c"]:
+    """Unit-length mean feature of each region, every cell weighted by the region's pixels in it."""
     rows, columns, channels = grid.shape
     height, width = regions.labels.shape
     row = (np.arange(height) * rows // height)[:, None]
