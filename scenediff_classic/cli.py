@@ -27,6 +27,7 @@ from scenediff_classic.errors import SceneDiffError
 from scenediff_classic.evaluation.benchmark import Split, Subset, evaluate
 from scenediff_classic.evaluation.rules import Mode
 from scenediff_classic.evaluation.tables import pair_table, summary_table, to_json
+from scenediff_classic.features.named import FeatureName
 from scenediff_classic.pipeline import DetectConfig, detect_changes
 from scenediff_classic.presets import Preset, StereoMethod, configured, weight_files
 from scenediff_classic.protocols import Progress
@@ -74,6 +75,8 @@ class Detect:
     otherwise cpu. All other stages run on the CPU."""
     stereo: StereoMethod = "patchmatch"
     """How depth is matched: a plane sweep takes less time and is less exact."""
+    features: FeatureName = "gradient-colour"
+    """How the looks of surfaces are compared: gradients, SIFT, binary patterns and colours."""
     learned_features: str | None = None
     """Features of a DINOv2 or DINOv3 model instead of classical ones: a folder with its weights, or
     its id in your Hugging Face cache. Needs the extra "learned"."""
@@ -95,8 +98,9 @@ class Detect:
         )
         config = configured(
             self.preset, long_side=self.long_side, seed=self.seed, geometry=self.geometry,
-            device=self.device, stereo=self.stereo, learned_features=self.learned_features,
-            learned_regions=self.learned_regions, allow_download=self.allow_download, base=base,
+            device=self.device, stereo=self.stereo, features=self.features,
+            learned_features=self.learned_features, learned_regions=self.learned_regions,
+            allow_download=self.allow_download, base=base,
         )  # fmt: skip
         known = () if self.geometry is None else (self.geometry,)
         with _progress() as progress:

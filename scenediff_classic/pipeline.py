@@ -14,7 +14,7 @@ from scenediff_classic.change.scale import normalised, rescaled
 from scenediff_classic.change.scoring import ScoringConfig, score_changes
 from scenediff_classic.change.threshold import ThresholdConfig, change_threshold
 from scenediff_classic.errors import AlignmentError
-from scenediff_classic.features.gradient_colour import GradientColourFeatures
+from scenediff_classic.features.named import FEATURES
 from scenediff_classic.geometry.from_pictures import GeometryFromPictures
 from scenediff_classic.protocols import (
     FeatureExtractor,
@@ -40,7 +40,7 @@ class DetectConfig:
 
     geometry: GeometryEstimator = field(default_factory=GeometryFromPictures)
     regions: RegionProposer = field(default_factory=BoundaryMergingRegions)
-    features: FeatureExtractor = field(default_factory=GradientColourFeatures)
+    features: FeatureExtractor = FEATURES["gradient-colour"]
     scoring: ScoringConfig = field(default_factory=ScoringConfig)
     threshold: ThresholdConfig = field(default_factory=ThresholdConfig)
     objects: ObjectConfig = field(default_factory=ObjectConfig)

@@ -8,6 +8,7 @@ from typing import Any, Literal
 from scenediff_classic.devices import Device, check_device
 from scenediff_classic.errors import InputError
 from scenediff_classic.features.dino import DinoFeatures
+from scenediff_classic.features.named import FEATURES, FeatureName
 from scenediff_classic.geometry.from_pictures import GeometryFromPictures
 from scenediff_classic.geometry.known_cameras import KnownGeometry
 from scenediff_classic.geometry.registration.structure_from_motion import StructureFromMotion
@@ -44,6 +45,7 @@ def configured(
     geometry: Path | None = None,
     device: Device = "auto",
     stereo: StereoMethod = "patchmatch",
+    features: FeatureName | None = None,
     learned_features: str | None = None,
     learned_regions: str | None = None,
     allow_download: bool = False,
@@ -61,6 +63,8 @@ def configured(
         Where stereo and learned models compute.
     stereo : "patchmatch" or "plane-sweep"
         How depth is matched: a plane sweep is quicker and less exact.
+    features : str, optional
+        Name of the feature back-end to use instead of `base`'s (`features.named`).
     learned_features, learned_regions : str, optional
         Weights of a DINO and of a SAM model (see `weights.find_weights`) for these stages.
     allow_download : bool
@@ -80,6 +84,8 @@ def configured(
         raise InputError(f"The seed must be from 0 to {2**31 - 1}, not {seed}.")
     check_device(device)
     _check_numbers(base, "")
+    if features is not None:
+        base = replace(base, features=FEATURES[features])
     if learned_features is not None:
         find_weights(learned_features, download=allow_download)
         base = replace(base, features=DinoFeatures(learned_features, device))

@@ -10,6 +10,7 @@ from scenediff_classic.change.scoring import ScoringConfig
 from scenediff_classic.change.threshold import ThresholdConfig
 from scenediff_classic.change.visibility import VisibilityConfig
 from scenediff_classic.errors import InputError
+from scenediff_classic.features.named import FEATURES, FeatureName
 from scenediff_classic.geometry.from_pictures import GeometryFromPictures
 from scenediff_classic.geometry.known_cameras import KnownGeometry
 from scenediff_classic.geometry.stereo.patchmatch import PatchMatch
@@ -51,6 +52,14 @@ def test_every_stage_that_draws_gets_the_seed() -> None:
 def test_stereo_can_be_a_plane_sweep() -> None:
     swept = from_pictures(configured(seed=7, stereo="plane-sweep")).stereo.matcher
     assert swept == PlaneSweep(second=PatchMatch(seed=7, consistent_sweeps=1))
+
+
+@pytest.mark.parametrize("name", get_args(FeatureName))
+def test_features_by_name_with_known_geometry_too(name: FeatureName) -> None:
+    assert configured(features=name).features == FEATURES[name]
+    known = configured(features=name, geometry=Path("known.npz"))
+    assert known.features == FEATURES[name]
+    assert configured().features == FEATURES["gradient-colour"]
 
 
 def test_options_of_later_stages_are_kept() -> None:

@@ -110,7 +110,7 @@ def score_changes(
         progress("features", done, len(views))
 
     with FeatureGrids.of(alike, features, folder, encoded) as grids:
-        descriptors = [_region_means(grids[k], r) for k, r in enumerate(regions)]
+        descriptors = [region_descriptors(grids[k], r) for k, r in enumerate(regions)]
         for done, (i, j) in enumerate(pairs):
             for a, b in ((i, j), (j, i)):
                 seen = reproject(prepared[a], prepared[b], config.visibility)
@@ -260,7 +260,10 @@ class _Accumulator:
         return ScoreMaps(geometry, feature, region, config.total(geometry, feature, region))
 
 
-def _region_means(grid: np.ndarray, regions: Regions) -> Float32[np.ndarray, "n c"]:
+def region_descriptors(
+    grid: Float32[np.ndarray, "r k c"], regions: Regions
+) -> Float32[np.ndarray, "n c"]:
+    """Unit-length mean feature of each region, every cell weighted by the region's pixels in it."""
     rows, columns, channels = grid.shape
     height, width = regions.labels.shape
     row = (np.arange(height) * rows // height)[:, None]
