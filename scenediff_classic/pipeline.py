@@ -94,7 +94,7 @@ def detect_changes(
         )
     with clock.stage("objects"):
         threshold = change_threshold(scores.maps, config.threshold)
-        changed = changed_regions(geometry, regions, scores, threshold)
+        changed = changed_regions(geometry, regions, scores, threshold, config.objects)
         objects = group_objects(
             geometry, regions, changed, threshold, config.features.merge, config.objects
         )

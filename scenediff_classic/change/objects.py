@@ -5,6 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from scenediff_classic.cameras import project, sample, unproject
@@ -39,6 +41,9 @@ class ObjectConfig:
     min_feature: float = 0.08
     """Least mean E_feat of an object: where both captures look the same, a depth difference is
     an error of depth. 0 turns this off, as in the paper. Not used for two single photos."""
+    min_part: float = 0.25
+    """Share of a region's points that must hang together to count as part of its place: a region
+    that bleeds onto another thing must not tie the two together. 0 turns this off."""
     max_points: int = 1000
     """Points kept per region for the overlap test."""
 
@@ -85,7 +90,11 @@ class SceneObject:
 
 
 def changed_regions(
-    geometry: Geometry, regions: Sequence[Regions], scores: Scores, threshold: float
+    geometry: Geometry,
+    regions: Sequence[Regions],
+    scores: Scores,
+    threshold: float,
+    config: ObjectConfig,
 ) -> list[ChangedRegion]:
     """Regions above the threshold in every view (not yet cleaned of tiny ones)."""
     found = []
@@ -109,7 +118,7 @@ def changed_regions(
                     score=float(scored.total[label]),
                     terms=TermScores(*(float(np.nan_to_num(t)) for t in terms)),
                     descriptor=scored.descriptors[label],
-                    points=_cloud(points[mask]),
+                    points=main_parts(_cloud(points[mask]), config),
                     comparisons=tuple(
                         (b, float(s[label])) for b, s in compared if np.isfinite(s[label])
                     ),
@@ -267,6 +276,21 @@ def _mean_descriptor(regions: Sequence[ChangedRegion]) -> Float[np.ndarray, "c"]
 
 def _cloud(points: np.ndarray) -> Float64[np.ndarray, "n 3"]:
     return points[np.isfinite(points).all(axis=1)].astype(np.float64)
+
+
+def main_parts(
+    points: Float64[np.ndarray, "n 3"], config: ObjectConfig
+) -> Float64[np.ndarray, "m 3"]:
+    """At most `max_points` of the points, without small groups that lie apart from the others."""
+    points = _every(points, config.max_points)
+    if len(points) < 2 or config.min_part <= 0:
+        return points
+    pairs = KDTree(points).query_pairs(config.merge_radius, output_type="ndarray")
+    links = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(points), len(points)))
+    _, part = connected_components(links, directed=False)
+    sizes = np.bincount(part)
+    enough = min(config.min_part * len(points), sizes.max())
+    return points[sizes[part] >= enough]
 
 
 def _every(points: np.ndarray, most: int) -> np.ndarray:

@@ -20,8 +20,9 @@ class BinaryPatternFeatures:
     it as it is. Square roots of the pooled histograms (Hellinger map).
     """
 
-    similarity: float = 0.9
-    merge: float = 1.4
+    similarity: float = 0.994
+    """This and `merge`: see `features.named`."""
+    merge: float = 1.328
     stride: int = 4
     """Grid step, in working pixels."""
     radii: tuple[float, ...] = (1.5, 3.0)

@@ -19,8 +19,9 @@ class ColourFeatures:
     Exposure and white balance are expected to be equalised already (`change.harmonise`).
     """
 
-    similarity: float = 0.95
-    merge: float = 1.4
+    similarity: float = 0.943
+    """This and `merge`: see `features.named`."""
+    merge: float = 1.128
     stride: int = 4
     """Grid step, in working pixels."""
     pooling_sigma: float = 4.0

@@ -21,8 +21,9 @@ class SiftFeatures:
     of a plain surface.
     """
 
-    similarity: float = 0.9
-    merge: float = 1.4
+    similarity: float = 0.961
+    """This and `merge`: see `features.named`."""
+    merge: float = 1.306
     stride: int = 4
     """Grid step, in working pixels."""
     size: float = 5.0

@@ -121,7 +121,7 @@ class Figures:
         )
 
 
-HEADER = "                  AUC: raw  equal   wide   edge  rank-1  CPU ms  channels"
+HEADER = "                        AUC: raw  equal   wide   edge  rank-1  CPU ms  channels"
 
 
 def measure(
@@ -245,16 +245,16 @@ def main(options: Options) -> None:
             features = FEATURES[name]
             figures = measure(features, pair, options.views, moves[name], merges[name])
             rows[name].append(figures)
-            print(f"{name:>18}  {figures}", flush=True)
+            print(f"{name:>24}  {figures}", flush=True)
     print(f"mean\n{HEADER}")
     for name in options.names:
         table = np.array([[*vars(figures).values()] for figures in rows[name]])
-        print(f"{name:>18}  {Figures(*np.nanmean(table, axis=0))}")
+        print(f"{name:>24}  {Figures(*np.nanmean(table, axis=0))}")
     print("\nconstants (share of right answers, mean of same and different objects)")
     for name in options.names:
         tau, right = best_threshold(moves[name].same, moves[name].different)
         sigma, sure = best_threshold(merges[name].same, merges[name].different)
-        print(f"{name:>18}  similarity {tau:.3f} ({right:.1%})  merge {sigma:.3f} ({sure:.1%})")
+        print(f"{name:>24}  similarity {tau:.3f} ({right:.1%})  merge {sigma:.3f} ({sure:.1%})")
 
 
 def test_area_under_the_curve() -> None:
