@@ -44,8 +44,11 @@ def test_unknown_is_nan_with_no_confidence(solved) -> None:
     geometry, _ = solved
     for view in geometry.views:
         assert view.depth.dtype == view.confidence.dtype == np.float32
-        assert np.array_equal(np.isfinite(view.depth), view.measured)
-        assert np.array_equal(view.confidence > 0, view.measured)
+        known = np.isfinite(view.depth)
+        assert np.array_equal(view.confidence > 0, known)
+        assert known[view.measured].all()
+        assert view.confidence[view.measured].min() >= QUICK.sure_confidence
+        assert view.confidence[known].min() >= QUICK.min_confidence
         assert view.confidence.max() <= 1
 
 
@@ -117,7 +120,7 @@ def test_ignored_pixels_get_no_depth(tmp_path: Path) -> None:
     ignore = np.zeros((24, 32), bool)
     ignore[:, :10] = True
     views = tuple(replace(v, ignore=ignore) for v in geometry.views)
-    result = MultiViewStereo(PatchMatch(sweeps=(2,)), min_confidence=0.5)(
+    result = MultiViewStereo(PatchMatch(sweeps=(2,)), sure_confidence=0.5)(
         replace(geometry, views=views), tmp_path, silent
     )
     assert all(np.isnan(v.depth[ignore]).all() for v in result.views)
