@@ -191,7 +191,12 @@ def mask_to_source(
         if np.allclose(scale @ intrinsics, lens.intrinsics, rtol=1e-9, atol=1e-6):
             size = (lens.width, lens.height)
             return cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_LINEAR) > 0.5
-    xy = view_from_source(pixel_centres(lens.height, lens.width), lens, intrinsics) - 0.5
+    out = np.zeros((lens.height, lens.width), bool)
+    window = _window(mask, lens, intrinsics)
+    centres = pixel_centres(lens.height, lens.width)[window]
+    if not centres.size:
+        return out
+    xy = view_from_source(centres, lens, intrinsics) - 0.5
     maps = np.nan_to_num(xy, nan=-1e4).astype(np.float32)
     soft = cv2.remap(
         mask.astype(np.float32),
@@ -201,4 +206,29 @@ def mask_to_source(
         borderMode=cv2.BORDER_CONSTANT,
         borderValue=0,
     )
-    return soft > 0.5
+    out[window] = soft > 0.5
+    return out
+
+
+def _window(
+    mask: Bool[np.ndarray, "h w"], lens: Lens, intrinsics: Float64[np.ndarray, "3 3"]
+) -> tuple[slice, slice]:
+    """Rows and columns of the input picture in which the mask lies, a little generous.
+
+    The lens maps the box's inside into the image of its border, so the border is enough.
+    """
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if not len(rows):
+        return slice(0, 0), slice(0, 0)
+    y = np.arange(rows[0] - 1, rows[-1] + 3, dtype=float)
+    x = np.arange(columns[0] - 1, columns[-1] + 3, dtype=float)
+    border = np.concatenate(
+        [np.c_[np.full_like(y, end), y] for end in (x[0], x[-1])]
+        + [np.c_[x, np.full_like(x, end)] for end in (y[0], y[-1])]
+    )
+    there = source_from_view(border, lens, intrinsics)
+    (left, top), (right, bottom) = there.min(axis=0), there.max(axis=0)
+    return (
+        slice(max(int(top) - 1, 0), min(max(int(bottom) + 2, 0), lens.height)),
+        slice(max(int(left) - 1, 0), min(max(int(right) + 2, 0), lens.width)),
+    )

@@ -16,8 +16,8 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as Bars
 
+from scenediff_classic.change.changed_regions import ObjectConfig
 from scenediff_classic.change.moves import MoveConfig
-from scenediff_classic.change.objects import ObjectConfig
 from scenediff_classic.change.scoring import ScoringConfig
 from scenediff_classic.change.threshold import ThresholdConfig
 from scenediff_classic.dataset.export import ExportFormat, export

@@ -7,9 +7,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from scenediff_classic.change.changed_regions import ObjectConfig, changed_regions
 from scenediff_classic.change.describe import ConfidenceConfig, describe
 from scenediff_classic.change.moves import MoveConfig, pair_moves
-from scenediff_classic.change.objects import ObjectConfig, changed_regions, group_objects
+from scenediff_classic.change.objects import group_objects
 from scenediff_classic.change.scale import normalised, rescaled
 from scenediff_classic.change.scoring import ScoringConfig, score_changes
 from scenediff_classic.change.threshold import ThresholdConfig, change_threshold

@@ -112,3 +112,43 @@ def joined(
     for group in parent:
         sets[root(group)].add(group)
     return [sets[key] for key in sorted(sets)]
+
+
+def adopted(
+    parts: Sequence[Part],
+    weak: Sequence[Part],
+    borders_of: Mapping[int, Mapping[tuple[int, int], Border]],
+    least_share: float,
+    least_length: float,
+) -> dict[tuple[int, int], int]:
+    """Which group each weak part, by (view, label), belongs to: the one it has the longest smooth
+    border with, in its own view.
+
+    Left out are those that no group borders on smoothly, and those larger than all of a group's
+    parts in the view: that would be what the thing stands on.
+
+    Parameters
+    ----------
+    weak : sequence of Part
+        Their `group` does not matter.
+    parts, borders_of, least_share, least_length
+        As in `joined`.
+    """
+    owner = {(p.view, p.label): p.group for p in parts}
+    area: dict[tuple[int, int], float] = defaultdict(float)
+    for part in parts:
+        area[part.group, part.view] += part.area
+    found = {}
+    for part in weak:
+        length: dict[int, float] = defaultdict(float)
+        for pair, border in borders_of.get(part.view, {}).items():
+            if part.label not in pair:
+                continue
+            group = owner.get((part.view, pair[pair[0] == part.label]))
+            smooth = border.smooth >= least_share * (border.smooth + border.stepped)
+            if group is not None and smooth and part.area <= area[group, part.view]:
+                length[group] += border.smooth
+        best = max(length, key=lambda group: (length[group], -group), default=None)
+        if best is not None and length[best] >= least_length * part.area**0.5:
+            found[part.view, part.label] = best
+    return found

@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from scenediff_classic.cameras import mask_to_source
+from scenediff_classic.change.changed_regions import ChangedRegion
 from scenediff_classic.change.moves import Change
-from scenediff_classic.change.objects import ChangedRegion, SceneObject
+from scenediff_classic.change.objects import SceneObject
 from scenediff_classic.masks import bbox, encode
 from scenediff_classic.types import (
     ChangedObject,

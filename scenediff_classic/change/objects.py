@@ -4,71 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Float64
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+from jaxtyping import Float, Float64
 from scipy.spatial import KDTree
 
-from scenediff_classic.cameras import project, sample, unproject
-from scenediff_classic.change.contact import Part, borders, joined
-from scenediff_classic.change.scoring import Scores
-from scenediff_classic.types import VIDEOS, Geometry, Regions, TermScores, Video, View
-
-
-@dataclass(frozen=True)
-class ObjectConfig:
-    """How regions become objects; lengths in normalised units."""
-
-    min_area: float = 100.0
-    """Smallest object in a view, in pixels of a picture with long side 518."""
-    merge_radius: float = 2 / 200
-    """Two voxels: the distance within which points count as shared (sigma_geo)."""
-    min_overlap: float = 0.5
-    """Least S_geo for a merge, whatever S_feat says."""
-    join_share: float = 0.7
-    """Changed regions whose common border is smooth in depth to this share are one thing; 1.01
-    turns joining off, as in the paper, whose regions are whole objects."""
-    join_length: float = 0.2
-    """Smooth border needed to join, relative to the smaller region's size."""
-    depth_step: float = 0.03
-    """Relative depth difference of neighbouring pixels that separates things."""
-    min_support: float = 0.3
-    """Share of the views that must show an object, among those of its capture that could."""
-    lone_margin: float = 0.5
-    """How far above the threshold an object's mean score must be if a single view shows it,
-    relative to the threshold; divided by the square of the number of views that show it. One look
-    proves less than ten. Not used for two single photos."""
-    min_feature: float = 0.08
-    """Least mean E_feat of an object: where both captures look the same, a depth difference is
-    an error of depth. 0 turns this off, as in the paper. Not used for two single photos."""
-    min_part: float = 0.25
-    """Share of a region's points that must hang together to count as part of its place: a region
-    that bleeds onto another thing must not tie the two together. 0 turns this off."""
-    max_points: int = 1000
-    """Points kept per region for the overlap test."""
-
-
-@dataclass(frozen=True)
-class ChangedRegion:
-    """A changed region as one view sees it."""
-
-    view: int
-    """Position in `Geometry.views`."""
-    label: int
-    """Label in that view's regions."""
-    mask: Bool[np.ndarray, "h w"]
-    score: float
-    terms: TermScores
-    descriptor: Float32[np.ndarray, "c"]
-    points: Float64[np.ndarray, "n 3"]
-    """World points, normalised units."""
-    comparisons: tuple[tuple[int, float], ...] = ()
-    """(position of a view of the other capture, score when compared with that one alone)."""
-
-    @property
-    def area(self) -> int:
-        """Number of pixels."""
-        return int(np.count_nonzero(self.mask))
+from scenediff_classic.cameras import project, sample
+from scenediff_classic.change.changed_regions import ChangedRegion, ObjectConfig, every
+from scenediff_classic.change.contact import Border, Part, adopted, borders, joined
+from scenediff_classic.types import VIDEOS, Geometry, Regions, Video, View
 
 
 @dataclass(frozen=True)
@@ -89,44 +31,6 @@ class SceneObject:
         return _mean_descriptor(self.regions)
 
 
-def changed_regions(
-    geometry: Geometry,
-    regions: Sequence[Regions],
-    scores: Scores,
-    threshold: float,
-    config: ObjectConfig,
-) -> list[ChangedRegion]:
-    """Regions above the threshold in every view (not yet cleaned of tiny ones)."""
-    found = []
-    for k, (view, proposal) in enumerate(zip(geometry.views, regions, strict=True)):
-        scored = scores.regions[k]
-        compared = [(b, score) for (a, b), score in scores.comparisons.items() if a == k]
-        changed = np.flatnonzero(np.nan_to_num(scored.total, nan=-np.inf) > threshold)
-        if len(changed) == 0:
-            continue
-        points = unproject(view)
-        for label in changed:
-            mask = (proposal.labels == label) & ~view.ignore
-            if not mask.any():
-                continue
-            terms = (scored.geometry[label], scored.feature[label], scored.region[label])
-            found.append(
-                ChangedRegion(
-                    view=k,
-                    label=int(label),
-                    mask=mask,
-                    score=float(scored.total[label]),
-                    terms=TermScores(*(float(np.nan_to_num(t)) for t in terms)),
-                    descriptor=scored.descriptors[label],
-                    points=main_parts(_cloud(points[mask]), config),
-                    comparisons=tuple(
-                        (b, float(s[label])) for b, s in compared if np.isfinite(s[label])
-                    ),
-                )
-            )
-    return found
-
-
 def group_objects(
     geometry: Geometry,
     proposals: Sequence[Regions],
@@ -143,13 +47,16 @@ def group_objects(
     """
     objects = []
     for video in VIDEOS:
-        own = [r for r in regions if geometry.views[r.view].video == video]
+        seen = [r for r in regions if geometry.views[r.view].video == video]
+        own = [r for r in seen if r.score > threshold]
         own.sort(key=lambda r: (-r.score, -r.area, float(r.points.sum())))
         if len(geometry.views) > 2:
             groups = _associated(own, merge_threshold, config)
         else:
             groups = [[r] for r in own]
         groups = _joined(groups, geometry, proposals, config)
+        weak = [r for r in seen if r.score <= threshold]
+        groups = _with_weak_parts(groups, weak, geometry, proposals, config)
         groups = [_visible(g, geometry, config) for g in groups]
         for group in groups:
             if group and _is_convincing(group, geometry, threshold, config):
@@ -165,7 +72,7 @@ def similarity(
     -inf if their points share too little to be one thing.
     """
     points = np.concatenate([r.points for r in group])
-    new = np.concatenate([_every(r.points, config.max_points // 4) for r in others])
+    new = np.concatenate([every(r.points, config.max_points // 4) for r in others])
     if len(points) == 0 or len(new) == 0:
         return -np.inf
     reach = config.merge_radius
@@ -210,13 +117,41 @@ def _joined(
     proposals: Sequence[Regions],
     config: ObjectConfig,
 ) -> list[list[ChangedRegion]]:
-    parts = [Part(number, r.view, r.label, r.area) for number, g in enumerate(groups) for r in g]
-    found = {
+    parts = _parts(groups)
+    found = _borders(parts, geometry, proposals, config)
+    sets = joined(parts, found, config.join_share, config.join_length)
+    return [[r for number in sorted(members) for r in groups[number]] for members in sets]
+
+
+def _with_weak_parts(
+    groups: list[list[ChangedRegion]],
+    weak: Sequence[ChangedRegion],
+    geometry: Geometry,
+    proposals: Sequence[Regions],
+    config: ObjectConfig,
+) -> list[list[ChangedRegion]]:
+    parts = _parts(groups)
+    found = _borders(parts, geometry, proposals, config)
+    owner = adopted(parts, _parts([weak]), found, config.join_share, config.join_length)
+    grown = [list(group) for group in groups]
+    for region in weak:
+        number = owner.get((region.view, region.label))
+        if number is not None:
+            grown[number].append(region)
+    return grown
+
+
+def _parts(groups: Sequence[Sequence[ChangedRegion]]) -> list[Part]:
+    return [Part(number, r.view, r.label, r.area) for number, g in enumerate(groups) for r in g]
+
+
+def _borders(
+    parts: Sequence[Part], geometry: Geometry, proposals: Sequence[Regions], config: ObjectConfig
+) -> dict[int, dict[tuple[int, int], Border]]:
+    return {
         k: borders(proposals[k].labels, geometry.views[k].depth, config.depth_step)
         for k in {p.view for p in parts}
     }
-    sets = joined(parts, found, config.join_share, config.join_length)
-    return [[r for number in sorted(members) for r in groups[number]] for members in sets]
 
 
 def _visible(
@@ -251,7 +186,7 @@ def _is_convincing(
 
 def _support(group: list[ChangedRegion], geometry: Geometry, config: ObjectConfig) -> float:
     """Views that show the object / views of its capture that could show it."""
-    points = np.concatenate([_every(r.points, 200) for r in group])
+    points = np.concatenate([every(r.points, 200) for r in group])
     seen = {r.view for r in group}
     video = geometry.views[group[0].view].video
     could = 0
@@ -274,28 +209,5 @@ def _mean_descriptor(regions: Sequence[ChangedRegion]) -> Float[np.ndarray, "c"]
     return mean / max(float(np.linalg.norm(mean)), 1e-8)
 
 
-def _cloud(points: np.ndarray) -> Float64[np.ndarray, "n 3"]:
-    return points[np.isfinite(points).all(axis=1)].astype(np.float64)
-
-
-def main_parts(
-    points: Float64[np.ndarray, "n 3"], config: ObjectConfig
-) -> Float64[np.ndarray, "m 3"]:
-    """At most `max_points` of the points, without small groups that lie apart from the others."""
-    points = _every(points, config.max_points)
-    if len(points) < 2 or config.min_part <= 0:
-        return points
-    pairs = KDTree(points).query_pairs(config.merge_radius, output_type="ndarray")
-    links = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(points), len(points)))
-    _, part = connected_components(links, directed=False)
-    sizes = np.bincount(part)
-    enough = min(config.min_part * len(points), sizes.max())
-    return points[sizes[part] >= enough]
-
-
-def _every(points: np.ndarray, most: int) -> np.ndarray:
-    return points[:: max(-(-len(points) // most), 1)]
-
-
 def _thinned(regions: Sequence[ChangedRegion], config: ObjectConfig) -> list[ChangedRegion]:
-    return [replace(r, points=_every(r.points, config.max_points)) for r in regions]
+    return [replace(r, points=every(r.points, config.max_points)) for r in regions]

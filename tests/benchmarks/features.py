@@ -19,8 +19,9 @@ import tyro
 from jaxtyping import Bool, Float, Float32
 
 from scenediff_classic.cameras import camera_centre
+from scenediff_classic.change.changed_regions import ObjectConfig
 from scenediff_classic.change.moves import MoveConfig, size_of
-from scenediff_classic.change.objects import ObjectConfig, SceneObject, similarity
+from scenediff_classic.change.objects import SceneObject, similarity
 from scenediff_classic.change.scoring import ScoringConfig, feature_distance
 from scenediff_classic.change.visibility import (
     Comparable,

@@ -11,8 +11,9 @@ import numpy as np
 from jaxtyping import Int
 
 from scenediff_classic.cameras import camera_centre, unproject
+from scenediff_classic.change.changed_regions import ChangedRegion, ObjectConfig
 from scenediff_classic.change.harmonise import HarmoniseConfig, harmonised
-from scenediff_classic.change.objects import ChangedRegion, ObjectConfig, SceneObject
+from scenediff_classic.change.objects import SceneObject
 from scenediff_classic.change.scale import normalised
 from scenediff_classic.change.scoring import region_descriptors
 from scenediff_classic.change.visibility import VisibilityConfig, pair_views

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from scenediff_classic.change.contact import Border, Part, borders, joined
+from scenediff_classic.change.contact import Border, Part, adopted, borders, joined
 
 LABELS = np.array([[0, 0, 1, 1], [0, 0, 1, 1], [2, 2, 2, -1]], np.int32)
 
@@ -46,3 +46,19 @@ def test_joining_is_transitive_and_can_be_turned_off():
     seen = {0: {(0, 1): Border(20, 0), (1, 2): Border(20, 0)}, 1: {}}
     assert joined(parts(0, 1, 2), seen, 0.7, 0.2) == [{0, 1, 2}]
     assert joined(parts(0, 1, 2), seen, 1.01, 0.2) == [{0}, {1}, {2}]
+
+
+def test_a_weak_part_goes_to_the_thing_it_borders_on_longest() -> None:
+    """View 0: strong parts 1 and 2 (groups 0 and 1), weak part 3 between them, weak support 4."""
+    strong = [Part(0, 0, 1, 100), Part(1, 0, 2, 100)]
+    weak = [Part(0, 0, 3, 50), Part(0, 0, 4, 5000), Part(0, 0, 5, 20)]
+    found = {
+        0: {
+            (1, 3): Border(4, 0), (2, 3): Border(6, 1),
+            (1, 4): Border(80, 0),  # what the thing stands on is larger than the thing
+            (1, 5): Border(2, 8),  # mostly a depth step
+        }
+    }  # fmt: skip
+    assert adopted(strong, weak, found, 0.7, 0.2) == {(0, 3): 1}
+    assert adopted(strong, weak, found, 0.7, 2.0) == {}  # too short for either
+    assert adopted(strong, weak, {}, 0.7, 0.2) == {}

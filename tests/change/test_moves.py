@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from scenediff_classic.change.changed_regions import ChangedRegion
 from scenediff_classic.change.moves import MoveConfig, judged, pair_moves, same_thing
-from scenediff_classic.change.objects import ChangedRegion, SceneObject
+from scenediff_classic.change.objects import SceneObject
 from scenediff_classic.types import TermScores, Video
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from scenediff_classic.change.objects import ObjectConfig, main_parts
+from scenediff_classic.change.changed_regions import ObjectConfig, main_parts
 
 CONFIG = ObjectConfig(merge_radius=0.01)
 
