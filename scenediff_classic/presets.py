@@ -16,10 +16,17 @@ from scenediff_classic.geometry.stereo.multi_view import MultiViewStereo
 from scenediff_classic.geometry.stereo.patchmatch import PatchMatch
 from scenediff_classic.geometry.stereo.plane_sweep import PlaneSweep
 from scenediff_classic.pipeline import DetectConfig
+from scenediff_classic.protocols import RegionProposer
+from scenediff_classic.regions.boundary_merging import BoundaryMergingRegions
 
 Preset = Literal["fast", "balanced", "accurate"]
 
 StereoMethod = Literal["patchmatch", "plane-sweep"]
+
+RegionMethod = Literal["boundary-merging"]
+
+REGIONS: dict[RegionMethod, RegionProposer] = {"boundary-merging": BoundaryMergingRegions()}
+"""Region proposers by name."""
 
 LONG_SIDE: dict[Preset, int] = {"fast": 320, "balanced": 512, "accurate": 768}
 """Longer side of the pictures that stereo, regions and features work on."""
