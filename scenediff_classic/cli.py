@@ -28,7 +28,7 @@ from scenediff_classic.evaluation.rules import Mode
 from scenediff_classic.evaluation.tables import pair_table, summary_table, to_json
 from scenediff_classic.geometry.stereo.devices import Device
 from scenediff_classic.pipeline import DetectConfig, detect_changes
-from scenediff_classic.presets import Preset, StereoMethod, configured
+from scenediff_classic.presets import REGIONS, Preset, RegionMethod, StereoMethod, configured
 from scenediff_classic.protocols import Progress
 from scenediff_classic.report.page import verdict
 from scenediff_classic.result.reading import read_result
@@ -74,6 +74,9 @@ class Detect:
     stages run on the CPU."""
     stereo: StereoMethod = "patchmatch"
     """How depth is matched: a plane sweep takes less time and is less exact."""
+    regions: RegionMethod = "boundary-merging"
+    """How pictures are cut into regions: by the strength of borders, or whole things first that
+    stand before large planes."""
     overwrite: bool = False
     """Replace the result of another run in the output folder."""
     scoring: ScoringConfig = field(default_factory=ScoringConfig)
@@ -84,8 +87,9 @@ class Detect:
     def __call__(self) -> None:
         """Run the detection and say what was found."""
         base = DetectConfig(
-            scoring=self.scoring, threshold=self.threshold, objects=self.objects, moves=self.moves
-        )
+            regions=REGIONS[self.regions], scoring=self.scoring, threshold=self.threshold,
+            objects=self.objects, moves=self.moves,
+        )  # fmt: skip
         config = configured(
             self.preset, long_side=self.long_side, seed=self.seed, geometry=self.geometry,
             device=self.device, stereo=self.stereo, base=base,

@@ -18,14 +18,18 @@ from scenediff_classic.geometry.stereo.plane_sweep import PlaneSweep
 from scenediff_classic.pipeline import DetectConfig
 from scenediff_classic.protocols import RegionProposer
 from scenediff_classic.regions.boundary_merging import BoundaryMergingRegions
+from scenediff_classic.regions.things_on_supports import ThingsOnSupportsRegions
 
 Preset = Literal["fast", "balanced", "accurate"]
 
 StereoMethod = Literal["patchmatch", "plane-sweep"]
 
-RegionMethod = Literal["boundary-merging"]
+RegionMethod = Literal["boundary-merging", "things-on-supports"]
 
-REGIONS: dict[RegionMethod, RegionProposer] = {"boundary-merging": BoundaryMergingRegions()}
+REGIONS: dict[RegionMethod, RegionProposer] = {
+    "boundary-merging": BoundaryMergingRegions(),
+    "things-on-supports": ThingsOnSupportsRegions(),
+}
 """Region proposers by name."""
 
 LONG_SIDE: dict[Preset, int] = {"fast": 320, "balanced": 512, "accurate": 768}

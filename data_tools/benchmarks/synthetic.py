@@ -19,8 +19,8 @@ from scenediff_classic.detection_run import CaptureOptions, run_detection
 from scenediff_classic.errors import InputError, SceneDiffError
 from scenediff_classic.evaluation.benchmark import EvaluationResult, evaluate
 from scenediff_classic.evaluation.tables import pair_table
-from scenediff_classic.pipeline import detect_changes
-from scenediff_classic.presets import Preset, configured
+from scenediff_classic.pipeline import DetectConfig, detect_changes
+from scenediff_classic.presets import REGIONS, Preset, RegionMethod, configured
 from scenediff_classic.workspace import write_atomic
 
 GeometrySource = Literal["estimated", "true"]
@@ -37,6 +37,8 @@ class SyntheticBenchmark:
     geometry: tuple[GeometrySource, ...] = ("true", "estimated")
     """Where cameras and depth come from."""
     preset: Preset = "balanced"
+    """As in `scenediff-classic detect`."""
+    regions: RegionMethod = "boundary-merging"
     """As in `scenediff-classic detect`."""
     overwrite: bool = False
     """Replace results of other options."""
@@ -65,7 +67,9 @@ class SyntheticBenchmark:
 
     def _detect(self, folder: Path, source: GeometrySource) -> None:
         truth = folder / "truth_geometry.npz" if source == "true" else None
-        config = configured(self.preset, geometry=truth)
+        config = configured(
+            self.preset, geometry=truth, base=DetectConfig(regions=REGIONS[self.regions])
+        )
         run_detection(
             CaptureOptions(folder / "before"),
             CaptureOptions(folder / "after"),
