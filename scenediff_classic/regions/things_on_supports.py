@@ -46,6 +46,9 @@ class ThingsOnSupportsRegions:
     """Pieces this near each other in the picture may be one thing, in pixels."""
     over: float = 0.5
     """Share of a piece's footprint on another one's that makes them one thing."""
+    compact: float = 0.6
+    """Least share of a thing's area in its convex hull. What fills less, such as a shelf with all
+    that stands on it, is cut further by its colours."""
     rest: BoundaryMergingRegions = field(default_factory=BoundaryMergingRegions)
 
     def __call__(self, view: View) -> Regions:
@@ -53,9 +56,11 @@ class ThingsOnSupportsRegions:
         supports = support_planes(view, self.supports)
         things = self.things(view, supports)
         count = int(things.max()) + 1
-        parts = np.where(things >= 0, things, supports.labels + count)
-        parts[(things < 0) & (supports.labels < 0)] = -1
-        return self.rest.within(view, parts, count)
+        whole = np.array([_solidity(things == k) >= self.compact for k in range(count)], bool)
+        order = np.argsort(~whole, kind="stable")  # whole ones first
+        number = np.append(np.argsort(order), -1)
+        parts = np.where(supports.labels >= 0, supports.labels + count, number[things])
+        return self.rest.within(view, parts.astype(np.int32), int(whole.sum()))
 
     def things(self, view: View, supports: Supports) -> Int32[np.ndarray, "h w"]:
         """Things by number; -1 for supports, unknown depth and what is too small or too large."""
@@ -135,6 +140,13 @@ def _neighbours(labels: Int32[np.ndarray, "h w"], reach: int) -> Iterator[tuple[
         pairs.append(np.stack([np.minimum(a, b)[touch], np.maximum(a, b)[touch]], axis=1))
     for first, second in np.unique(np.concatenate(pairs), axis=0).tolist():
         yield first, second
+
+
+def _solidity(mask: Bool[np.ndarray, "h w"]) -> float:
+    """Share of the area in that of its convex hull, all pixels with their corners."""
+    rows, columns = np.nonzero(mask)
+    corners = np.concatenate([np.c_[columns + i, rows + j] for i in (0, 1) for j in (0, 1)])
+    return len(rows) / cv2.contourArea(cv2.convexHull(corners.astype(np.int32)))
 
 
 def _share_inside(
