@@ -15,7 +15,14 @@ from scenediff_classic.geometry.known_cameras import KnownGeometry
 from scenediff_classic.geometry.stereo.patchmatch import PatchMatch
 from scenediff_classic.geometry.stereo.plane_sweep import PlaneSweep
 from scenediff_classic.pipeline import DetectConfig
-from scenediff_classic.presets import LONG_SIDE, MIN_LONG_SIDE, Preset, configured
+from scenediff_classic.presets import (
+    LONG_SIDE,
+    MIN_LONG_SIDE,
+    REGIONS,
+    Preset,
+    RegionMethod,
+    configured,
+)
 
 
 def from_pictures(config: DetectConfig) -> GeometryFromPictures:
@@ -51,6 +58,11 @@ def test_every_stage_that_draws_gets_the_seed() -> None:
 def test_stereo_can_be_a_plane_sweep() -> None:
     swept = from_pictures(configured(seed=7, stereo="plane-sweep")).stereo.matcher
     assert swept == PlaneSweep(second=PatchMatch(seed=7, consistent_sweeps=1))
+
+
+def test_every_region_method_has_a_proposer() -> None:
+    assert tuple(REGIONS) == get_args(RegionMethod)
+    assert REGIONS["boundary-merging"] == DetectConfig().regions
 
 
 def test_options_of_later_stages_are_kept() -> None:

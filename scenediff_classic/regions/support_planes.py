@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float64, Int32
-from scipy.ndimage import label as connected
 
 from scenediff_classic.cameras import pixel_centres
 from scenediff_classic.types import View
@@ -155,12 +154,12 @@ def _refitted(
 def _large_pieces(mask: Bool[np.ndarray, "h w"], least: float) -> Bool[np.ndarray, "h w"]:
     """Without strips, and without pieces that are small, at all or among the others."""
     broad = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, np.ones((_STRIP, _STRIP)))
-    pieces, _ = connected(mask)  # type: ignore[misc]
+    _, pieces = cv2.connectedComponents(mask.astype(np.uint8), connectivity=4)
     sizes = np.bincount(pieces.ravel(), broad.ravel())
     sizes[0] = 0
     keep = sizes >= max(least * mask.size, _PIECE * sizes.sum())
     keep[0] = False
-    return keep[pieces]
+    return keep[np.asarray(pieces, np.int32)]
 
 
 def _normal(plane: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3"]:
@@ -181,9 +180,7 @@ def _size(
     return float(np.sqrt(np.sum(per_pixel / np.maximum(cosine, 0.05))))
 
 
-def _extent(
-    view: View, known: Bool[np.ndarray, "h w"], xy1: Float64[np.ndarray, "h w 3"]
-) -> float:
+def _extent(view: View, known: Bool[np.ndarray, "h w"], xy1: Float64[np.ndarray, "h w 3"]) -> float:
     """Longest side of the box around what the view shows, without the outermost hundredths."""
     points = xy1[known][::7] @ np.linalg.inv(view.intrinsics).T * view.depth[known][::7, None]
     low, high = np.percentile(points, [1, 99], axis=0)

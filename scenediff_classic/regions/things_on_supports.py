@@ -5,12 +5,11 @@ another although they do not: depth says so. Outlines still come from the pictur
 (a rug, a poster) from its colours, for depth does not tell them from what they lie on.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float64, Int32
+from jaxtyping import Bool, Float32, Int32
 from scipy.ndimage import distance_transform_edt
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
@@ -130,16 +129,16 @@ def _renumbered(
     return new[labels]
 
 
-def _neighbours(labels: Int32[np.ndarray, "h w"], reach: int) -> Iterator[tuple[int, int]]:
+def _neighbours(labels: Int32[np.ndarray, "h w"], reach: int) -> list[tuple[int, int]]:
     """Pairs of labels that come as near as `reach` pixels, the smaller first, in order."""
-    distance, (rows, columns) = distance_transform_edt(labels < 0, return_indices=True)
-    grown = np.where(distance <= reach / 2, labels[rows, columns], -1)
+    distance, nearest = np.empty(labels.shape), np.empty((2, *labels.shape), np.int32)
+    distance_transform_edt(labels < 0, return_indices=True, distances=distance, indices=nearest)
+    grown = np.where(distance <= reach / 2, labels[nearest[0], nearest[1]], -1)
     pairs = []
     for a, b in ((grown[:, :-1], grown[:, 1:]), (grown[:-1], grown[1:])):
         touch = (a != b) & (a >= 0) & (b >= 0)
         pairs.append(np.stack([np.minimum(a, b)[touch], np.maximum(a, b)[touch]], axis=1))
-    for first, second in np.unique(np.concatenate(pairs), axis=0).tolist():
-        yield first, second
+    return [(a, b) for a, b in np.unique(np.concatenate(pairs), axis=0).tolist()]
 
 
 def _solidity(mask: Bool[np.ndarray, "h w"]) -> float:
@@ -149,9 +148,7 @@ def _solidity(mask: Bool[np.ndarray, "h w"]) -> float:
     return len(rows) / cv2.contourArea(cv2.convexHull(corners.astype(np.int32)))
 
 
-def _share_inside(
-    points: Float64[np.ndarray, "n 2"], others: Float64[np.ndarray, "m 2"]
-) -> float:
+def _share_inside(points: Float32[np.ndarray, "n 2"], others: Float32[np.ndarray, "m 2"]) -> float:
     """Share of the points inside the convex hull of others."""
     hull = cv2.convexHull(others)[:, 0]
     along = np.roll(hull, -1, axis=0) - hull
