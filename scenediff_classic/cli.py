@@ -31,6 +31,7 @@ from scenediff_classic.features.named import FeatureName
 from scenediff_classic.pipeline import DetectConfig, detect_changes
 from scenediff_classic.presets import Preset, StereoMethod, configured, weight_files
 from scenediff_classic.protocols import Progress
+from scenediff_classic.regions.named import RegionName
 from scenediff_classic.report.page import verdict
 from scenediff_classic.result.reading import read_result
 
@@ -75,6 +76,9 @@ class Detect:
     otherwise cpu. All other stages run on the CPU."""
     stereo: StereoMethod = "patchmatch"
     """How depth is matched: a plane sweep takes less time and is less exact."""
+    regions: RegionName = "boundary-merging"
+    """How pictures are cut into regions: by the strength of borders, or whole things first that
+    stand before large planes."""
     features: FeatureName = "gradient-colour"
     """How the looks of surfaces are compared: gradients, SIFT, binary patterns and colours."""
     learned_features: str | None = None
@@ -98,7 +102,7 @@ class Detect:
         )
         config = configured(
             self.preset, long_side=self.long_side, seed=self.seed, geometry=self.geometry,
-            device=self.device, stereo=self.stereo, features=self.features,
+            device=self.device, stereo=self.stereo, features=self.features, regions=self.regions,
             learned_features=self.learned_features, learned_regions=self.learned_regions,
             allow_download=self.allow_download, base=base,
         )  # fmt: skip

@@ -18,6 +18,7 @@ from scenediff_classic.geometry.stereo.multi_view import MultiViewStereo
 from scenediff_classic.geometry.stereo.patchmatch import PatchMatch
 from scenediff_classic.geometry.stereo.plane_sweep import PlaneSweep
 from scenediff_classic.pipeline import DetectConfig
+from scenediff_classic.regions.named import REGIONS, RegionName
 from scenediff_classic.regions.sam import SamRegions
 from scenediff_classic.weights import find_weights
 
@@ -46,6 +47,7 @@ def configured(
     device: Device = "auto",
     stereo: StereoMethod = "patchmatch",
     features: FeatureName | None = None,
+    regions: RegionName | None = None,
     learned_features: str | None = None,
     learned_regions: str | None = None,
     allow_download: bool = False,
@@ -65,6 +67,8 @@ def configured(
         How depth is matched: a plane sweep is quicker and less exact.
     features : str, optional
         Name of the feature back-end to use instead of `base`'s (`features.named`).
+    regions : str, optional
+        Name of the region back-end to use instead of `base`'s (`regions.named`).
     learned_features, learned_regions : str, optional
         Weights of a DINO and of a SAM model (see `weights.find_weights`) for these stages.
     allow_download : bool
@@ -86,6 +90,8 @@ def configured(
     _check_numbers(base, "")
     if features is not None:
         base = replace(base, features=FEATURES[features])
+    if regions is not None:
+        base = replace(base, regions=REGIONS[regions])
     if learned_features is not None:
         find_weights(learned_features, download=allow_download)
         base = replace(base, features=DinoFeatures(learned_features, device))

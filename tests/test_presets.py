@@ -16,7 +16,13 @@ from scenediff_classic.geometry.known_cameras import KnownGeometry
 from scenediff_classic.geometry.stereo.patchmatch import PatchMatch
 from scenediff_classic.geometry.stereo.plane_sweep import PlaneSweep
 from scenediff_classic.pipeline import DetectConfig
-from scenediff_classic.presets import LONG_SIDE, MIN_LONG_SIDE, Preset, configured
+from scenediff_classic.presets import (
+    LONG_SIDE,
+    MIN_LONG_SIDE,
+    Preset,
+    configured,
+)
+from scenediff_classic.regions.named import REGIONS, RegionName
 
 
 def from_pictures(config: DetectConfig) -> GeometryFromPictures:
@@ -60,6 +66,12 @@ def test_features_by_name_with_known_geometry_too(name: FeatureName) -> None:
     known = configured(features=name, geometry=Path("known.npz"))
     assert known.features == FEATURES[name]
     assert configured().features == FEATURES["gradient-colour"]
+
+
+def test_every_region_method_has_a_proposer() -> None:
+    assert tuple(REGIONS) == get_args(RegionName)
+    assert REGIONS["boundary-merging"] == DetectConfig().regions
+    assert configured(regions="things-on-supports").regions == REGIONS["things-on-supports"]
 
 
 def test_options_of_later_stages_are_kept() -> None:

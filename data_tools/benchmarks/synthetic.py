@@ -22,6 +22,7 @@ from scenediff_classic.evaluation.calibration import reliability
 from scenediff_classic.evaluation.tables import pair_table
 from scenediff_classic.pipeline import detect_changes
 from scenediff_classic.presets import Preset, configured
+from scenediff_classic.regions.named import RegionName
 from scenediff_classic.workspace import write_atomic
 
 GeometrySource = Literal["estimated", "true"]
@@ -38,6 +39,8 @@ class SyntheticBenchmark:
     geometry: tuple[GeometrySource, ...] = ("true", "estimated")
     """Where cameras and depth come from."""
     preset: Preset = "balanced"
+    """As in `scenediff-classic detect`."""
+    regions: RegionName = "boundary-merging"
     """As in `scenediff-classic detect`."""
     overwrite: bool = False
     """Replace results of other options."""
@@ -67,7 +70,7 @@ class SyntheticBenchmark:
 
     def _detect(self, folder: Path, source: GeometrySource) -> None:
         truth = folder / "truth_geometry.npz" if source == "true" else None
-        config = configured(self.preset, geometry=truth)
+        config = configured(self.preset, geometry=truth, regions=self.regions)
         run_detection(
             CaptureOptions(folder / "before"),
             CaptureOptions(folder / "after"),

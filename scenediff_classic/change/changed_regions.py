@@ -22,7 +22,7 @@ class ObjectConfig:
     """Smallest object in a view, in pixels of a picture with long side 518."""
     merge_radius: float = 2 / 200
     """Two voxels: the distance within which points count as shared (sigma_geo)."""
-    min_overlap: float = 0.5
+    min_overlap: float = 0.6
     """Least S_geo for a merge, whatever S_feat says."""
     join_share: float = 0.7
     """Changed regions whose common border is smooth in depth to this share are one thing; 1.01

@@ -49,6 +49,19 @@ class BoundaryMergingRegions:
 
     def __call__(self, view: View) -> Regions:
         """Regions cover the whole picture."""
+        return self.within(view, np.full(view.shape, -1, np.int32), 0)
+
+    def within(self, view: View, parts: Int32[np.ndarray, "h w"], whole: int) -> Regions:
+        """Regions that keep to parts of the picture which are known to be different things.
+
+        Parameters
+        ----------
+        parts : int array (h, w)
+            Which part a pixel belongs to; -1 = unknown. Superpixels go with the majority of
+            their pixels, so that outlines come from the picture.
+        whole : int
+            Parts below this number are one region each; the others are merged by their borders.
+        """
         lab = lab_colours(view.image) * np.array([1.5, 2.5, 2.5], np.float32)
         depth = filled_depth(view)
         shrink = max(view.shape) / 512
@@ -62,36 +75,40 @@ class BoundaryMergingRegions:
                 min_size=max(int(self.min_area * (max(view.shape) / 518) ** 2 / 2.5), 4),
                 channel_axis=-1,
             )
-        labels = self._merge(superpixels.astype(np.int32), lab, depth, view)
+        superpixels = superpixels.astype(np.int32)
+        part = _majorities(superpixels, parts)
+        labels = self._merge(_Graph(superpixels, lab, depth, view, self), part, whole)[superpixels]
         labels = relabel_sequential(labels + 1)[0].astype(np.int32) - 1
         return Regions(labels, int(labels.max()) + 1)
 
-    def _merge(
-        self,
-        labels: Int32[np.ndarray, "h w"],
-        lab: Float32[np.ndarray, "h w 3"],
-        depth: Float32[np.ndarray, "h w"],
-        view: View,
-    ) -> Int32[np.ndarray, "h w"]:
-        graph = _Graph(labels, lab, depth, view, self)
-        small = self.min_area * (max(view.shape) / 518) ** 2
-        heap = [
-            (graph.strength(a, b), a, b) for a in graph.borders for b in graph.borders[a] if a < b
-        ]
+    def _merge(self, graph: "_Graph", part: list[int], whole: int) -> Int32[np.ndarray, "n"]:
+        """Owner of each superpixel."""
+        first: dict[int, int] = {}
+        for a, known in enumerate(part):
+            if 0 <= known < whole and first.setdefault(known, a) != a:
+                graph.absorb(first[known], a)
+
+        def strength(a: int, b: int) -> float:
+            apart = part[a] != part[b] and part[a] >= 0 and part[b] >= 0
+            return math.inf if apart else graph.strength(a, b)
+
+        heap = [(strength(a, b), a, b) for a in graph.borders for b in graph.borders[a] if a < b]
         heapq.heapify(heap)
         while heap:
-            strength, a, b = heapq.heappop(heap)
+            value, a, b = heapq.heappop(heap)
             if a not in graph.borders or b not in graph.borders[a]:
                 continue  # one of the two was merged away meanwhile
-            if strength != graph.strength(a, b):
+            if value != strength(a, b):
                 continue  # outdated: the up-to-date entry is in the heap too
-            if strength > self.stop and min(graph.size[a], graph.size[b]) >= small:
+            if value > self.stop and min(graph.size[a], graph.size[b]) >= graph.small:
                 continue
+            if part[a] < 0 or (part[b] >= 0 and graph.size[b] > graph.size[a]):
+                part[a] = part[b]
             graph.absorb(a, b)
             for c in graph.borders[a]:
-                first, second = min(a, c), max(a, c)
-                heapq.heappush(heap, (graph.strength(first, second), first, second))
-        return graph.owner[labels]
+                low, high = min(a, c), max(a, c)
+                heapq.heappush(heap, (strength(low, high), low, high))
+        return graph.owner
 
 
 class _Graph:
@@ -99,6 +116,7 @@ class _Graph:
 
     def __init__(self, labels, lab, depth, view: View, options: BoundaryMergingRegions) -> None:
         self.options = options
+        self.small = options.min_area * (max(view.shape) / 518) ** 2
         count = int(labels.max()) + 1
         self.owner = np.arange(count, dtype=np.int32)
         self.members = {a: [a] for a in range(count)}
@@ -194,6 +212,15 @@ def _normals(view: View, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     normals = np.cross(dy, dx)  # towards the camera for image axes right and down
     length = np.linalg.norm(normals, axis=-1, keepdims=True)
     return normals / np.maximum(length, 1e-12), points
+
+
+def _majorities(labels: Int32[np.ndarray, "h w"], parts: Int32[np.ndarray, "h w"]) -> list[int]:
+    """The part that holds more than half of each label's pixels; -1 if none does."""
+    count = int(parts.max()) + 2  # the first column counts the unknown
+    keys = labels.ravel().astype(np.int64) * count + parts.ravel() + 1
+    votes = np.bincount(keys, minlength=(int(labels.max()) + 1) * count).reshape(-1, count)
+    best = np.argmax(votes, axis=1)
+    return np.where(votes.max(axis=1) > votes.sum(axis=1) / 2, best - 1, -1).tolist()
 
 
 def _means(labels: np.ndarray, values: np.ndarray, sizes: np.ndarray) -> list[list[float]]:

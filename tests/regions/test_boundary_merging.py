@@ -26,37 +26,27 @@ def test_each_card_is_one_region(view):
         assert best_iou(regions.labels, np.abs(view.depth - card.z) < 1e-4) > 0.9
 
 
-def test_regions_cover_the_picture_and_are_numbered_without_gaps(view):
-    regions = BoundaryMergingRegions()(view)
-    assert regions.labels.shape == view.shape
-    assert np.array_equal(np.unique(regions.labels), np.arange(regions.count))
-
-
-def test_depth_separates_what_looks_alike(view):
-    grey = replace(view, image=np.full_like(view.image, 128))
-    regions = BoundaryMergingRegions()(grey)
-    assert best_iou(regions.labels, np.abs(view.depth - VASE.z) < 1e-4) > 0.8
-
-
-def test_works_without_any_depth(view):
-    blind = replace(view, depth=np.full(view.shape, np.nan, np.float32))
-    regions = BoundaryMergingRegions()(blind)
-    assert best_iou(regions.labels, np.abs(view.depth - VASE.z) < 1e-4) > 0.8
-
-
-def test_a_plain_picture_without_depth_is_one_region(view):
+def test_parts_known_to_differ_never_merge(view):
+    """Two halves of a plain picture: one region each if they are things, told apart if supports."""
     blank = replace(
         view,
         image=np.full_like(view.image, 90),
         depth=np.full(view.shape, np.nan, np.float32),
     )
-    assert BoundaryMergingRegions()(blank).count == 1
+    cell = np.arange(view.shape[1]) // 10
+    blank.image[:, cell % 2 == 1] = 94  # superpixels to choose from
+    parts = np.repeat([0, 1], view.shape[1] // 2)[None].repeat(view.shape[0], 0).astype(np.int32)
+    for whole in (0, 2):
+        regions = BoundaryMergingRegions(scale=0.5).within(blank, parts, whole)
+        assert np.array_equal(regions.labels, parts)
+    unknown = np.full_like(parts, -1)
+    assert BoundaryMergingRegions(scale=0.5).within(blank, unknown, 0).count == 1
 
 
-def test_world_scale_does_not_matter(view):
-    bigger = replace(view, depth=view.depth * 10)
-    expected = BoundaryMergingRegions()(view).labels
-    assert np.mean(BoundaryMergingRegions()(bigger).labels == expected) > 0.99
+def test_a_thing_of_many_colours_is_one_region(view):
+    everything = np.zeros(view.shape, np.int32)
+    assert BoundaryMergingRegions().within(view, everything, 1).count == 1
+    assert BoundaryMergingRegions().within(view, everything, 0).count > 1
 
 
 def test_unknown_depth_takes_the_nearest_known(view):
