@@ -1,5 +1,6 @@
 """Changes as users read them: kind, confidence, place, size, and a mask in every view."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -23,17 +24,47 @@ from scenediff_classic.types import (
 STRONGEST = 5
 """Comparisons that are named; the others are only counted."""
 
+FULL = 10
+"""Frames of a capture from which on more of them make no difference by themselves."""
+
 
 @dataclass(frozen=True)
 class ConfidenceConfig:
-    """How a change score becomes a confidence."""
+    """How sure a change is: the chance that it is one, by logistic regression.
 
-    half: float = 0.20
-    """Score at which the confidence is one half."""
+    The constants come from ``python -m data_tools.benchmarks.calibration`` on the objects found in
+    the rendered val pairs (10 frames a capture, estimated geometry).
+    """
 
-    def __call__(self, score: float) -> float:
-        """Monotone in the score; 0 at 0, towards 1 for large scores."""
-        return float(1 - 0.5 ** (max(score, 0.0) / self.half))
+    base: float = 1.37
+    per_score: float = 3.66
+    """Log odds for each unit of the change score."""
+    per_doubling: float = 2.09
+    """Log odds each time that twice as many frames show the object; see `looks`."""
+
+    def __call__(self, score: float, frames: float, placed: int) -> float:
+        """Between 0 and 1; grows with the score and with the number of frames that show it.
+
+        Parameters
+        ----------
+        frames : float
+            Frames of the capture that show the object.
+        placed : int
+            All frames of the capture that have a camera.
+        """
+        odds = self.base + self.per_score * score
+        odds += self.per_doubling * math.log2(looks(frames, placed))
+        return 1 / (1 + math.exp(-odds))
+
+
+def looks(frames: float, placed: int) -> float:
+    """How much has been seen of an object; 1 = ten frames of ten.
+
+    In a smaller capture, fewer frames prove as much as their share of the capture and as their
+    number would, in the geometric mean: that is an assumption, for the constants come from captures
+    of ten. In a larger one nothing is lost by frames that look elsewhere.
+    """
+    return max(frames, 1) / math.sqrt(FULL * min(max(placed, 1), FULL))
 
 
 def describe(
@@ -100,6 +131,7 @@ def _views(item: SceneObject, geometry: Geometry, confidence: ConfidenceConfig) 
     by_view: dict[int, list[ChangedRegion]] = {}
     for region in item.regions:
         by_view.setdefault(region.view, []).append(region)
+    frames, placed = len(by_view), len(geometry.of(item.video))
     out = []
     for k in sorted(by_view, key=lambda k: geometry.views[k].index):
         view, regions = geometry.views[k], by_view[k]
@@ -111,7 +143,9 @@ def _views(item: SceneObject, geometry: Geometry, confidence: ConfidenceConfig) 
         score = float(
             np.average([r.score for r in regions], weights=[r.mask.sum() for r in regions])
         )
-        out.append(ObjectView(view.video, view.index, confidence(score), bbox(rle), rle))
+        out.append(
+            ObjectView(view.video, view.index, confidence(score, frames, placed), bbox(rle), rle)
+        )
     return out
 
 
