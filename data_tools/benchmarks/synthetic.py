@@ -7,6 +7,7 @@ difference is what classical geometry costs. Finished pairs are kept, so a kille
 
 import json
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -62,6 +63,7 @@ class SyntheticBenchmark:
             (self.out / source).mkdir(parents=True, exist_ok=True)
             results[source] = evaluate(self.out / source, self.pairs)
             console.print(pair_table(results[source]))
+            console.print(_by_hard_case(results[source], folders))
             console.print(_reliability(source, results[source]))
         console.print(_side_by_side(results))
         content = {s: _numbers(r) for s, r in results.items()}
@@ -93,6 +95,25 @@ def _numbers(result: EvaluationResult) -> dict[str, float | None]:
         "obj_sc_ap": m.obj_sc_ap,
         "obj_sc_ap_typed": m.obj_sc_ap_typed,
     }
+
+
+def _by_hard_case(result: EvaluationResult, folders: Sequence[Path]) -> Table:
+    """The pairs again, with what makes each of them hard."""
+    table = Table(title="Hard cases (percent)")
+    for name in ("hard case", "pair", "px/im IoU", "obj/im AP", "obj/sc AP", "found", "others"):
+        table.add_column(name, justify="left" if name in ("hard case", "pair") else "right")
+    rows = {row.pair: row.metrics for row in result.pairs}
+    for folder in folders:
+        metadata = json.loads((folder / "metadata.json").read_text(encoding="utf-8"))
+        case, m = ", ".join(metadata.get("hard", [])) or "none", rows.get(folder.name)
+        if m is not None:
+            numbers = (m.px_im_iou, m.obj_im_ap, m.obj_sc_ap)
+            table.add_row(
+                case, folder.name, *("-" if v is None else f"{100 * v:.1f}" for v in numbers),
+                f"{m.found_objects} of {m.true_objects}",
+                str(m.reported_objects - m.found_objects),
+            )  # fmt: skip
+    return table
 
 
 def _reliability(source: GeometrySource, result: EvaluationResult) -> str:
