@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from scenediff_classic.change.objects import SceneObject
 from scenediff_classic.types import Match
@@ -17,6 +18,9 @@ class MoveConfig:
     """Least descriptor cosine (tau_sim); None = the feature back-end's own value."""
     max_size_ratio: float = 2.5
     """Largest ratio of the two objects' sizes; 0 = sizes are not compared, as in the paper."""
+    reach: float = 0.02
+    """A leftover object this close (normalised units) to one that moved, and as much like its
+    counterpart, is a part of it; 0 turns this off, as in the paper, whose regions are whole."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +52,25 @@ def pair_moves(
             continue
         used_before.add(i)
         used_after.add(j)
-        changes.append(Change(before[i], after[j], matches[i, j]))
+        near = [
+            [k for k in range(len(before)) if k not in used_before and same_thing(matches[k, j])],
+            [k for k in range(len(after)) if k not in used_after and same_thing(matches[i, k])],
+        ]
+        parts = [
+            [k for k in near[0] if touching(before[k], before[i], config.reach)],
+            [k for k in near[1] if touching(after[k], after[j], config.reach)],
+        ]
+        match = matches[i, j]
+        sides = before[i], after[j]
+        if bool(parts[0]) != bool(parts[1]):  # in pieces on both sides: let them find each other
+            used_before.update(parts[0])
+            used_after.update(parts[1])
+            sides = (
+                united([before[i], *(before[k] for k in parts[0])]),
+                united([after[j], *(after[k] for k in parts[1])]),
+            )
+            match = judged(*sides, least, config.max_size_ratio)
+        changes.append(Change(*sides, match))
     likeliest: tuple[dict[int, Match], dict[int, Match]] = {}, {}
     for pair in ranked:
         for side, number in zip(likeliest, pair, strict=True):
@@ -60,6 +82,19 @@ def pair_moves(
         if j not in used_after:
             changes.append(Change(None, o, likeliest[1].get(j)))
     return changes
+
+
+def touching(a: SceneObject, b: SceneObject, reach: float) -> bool:
+    """Whether the two come closer than `reach` to each other."""
+    if reach <= 0 or not len(a.points) or not len(b.points):
+        return False
+    nearest, _ = KDTree(a.points).query(b.points, distance_upper_bound=reach)
+    return bool(np.isfinite(nearest).any())
+
+
+def united(parts: Sequence[SceneObject]) -> SceneObject:
+    """Several objects of one capture as one."""
+    return SceneObject(parts[0].video, tuple(r for part in parts for r in part.regions))
 
 
 def judged(a: SceneObject, b: SceneObject, least: float, most: float) -> Match:

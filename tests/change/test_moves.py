@@ -1,5 +1,7 @@
 """What counts as moved, and what is said of everything that does not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -28,7 +30,7 @@ def kinds(objects: list[SceneObject], config: MoveConfig) -> list[str]:
 
 def test_the_most_similar_are_paired_first_and_only_once() -> None:
     first, better, rival = thing("before", 0), thing("after", 2), thing("after", 10)
-    changes = pair_moves([first, rival, better], 0.9, MoveConfig())
+    changes = pair_moves([first, rival, better], 0.9, MoveConfig(reach=0))
     moved = next(c for c in changes if c.before)
     assert moved.after is better
     assert moved.match is not None
@@ -61,3 +63,26 @@ def test_sizes_must_be_comparable_unless_that_is_turned_off() -> None:
 def test_order_does_not_matter() -> None:
     some = [thing("before", 0), thing("before", 30), thing("after", 29), thing("after", 1)]
     assert kinds(some, MoveConfig()) == kinds(some[::-1], MoveConfig()) == ["moved", "moved"]
+
+
+def test_a_piece_that_touches_a_moved_thing_and_looks_like_it_is_part_of_it() -> None:
+    """A plant's leaves and its pot before, the whole plant after."""
+    pot, leaves, plant = thing("before", 3), thing("before", 6), thing("after", 2)
+    (moved,) = pair_moves([leaves, pot, plant], 0.9, MoveConfig())
+    assert moved.before is not None
+    assert moved.before.regions == pot.regions + leaves.regions
+    assert moved.after is not None
+    assert moved.after.regions == plant.regions
+    assert kinds([leaves, pot, plant], MoveConfig(reach=0)) == ["moved", "removed"]
+
+
+def test_pieces_on_both_sides_find_each_other() -> None:
+    some = [thing("before", 0), thing("before", 9), thing("after", 1), thing("after", 10)]
+    assert kinds(some, MoveConfig()) == ["moved", "moved"]
+
+
+def test_a_like_thing_elsewhere_is_not_part_of_it() -> None:
+    far = thing("before", 5)
+    region = far.regions[0]
+    far = SceneObject("before", (replace(region, points=region.points + 5),))
+    assert kinds([thing("before", 0), far, thing("after", 0)], MoveConfig()) == ["moved", "removed"]
