@@ -20,7 +20,8 @@ class MoveConfig:
     """Largest ratio of the two objects' sizes; 0 = sizes are not compared, as in the paper."""
     reach: float = 0.02
     """A leftover object this close (normalised units) to one that moved, and as much like its
-    counterpart, is a part of it; 0 turns this off, as in the paper, whose regions are whole."""
+    counterpart, is a part of it if their sizes agree better then; 0 turns this off, as in the
+    paper, whose regions are whole."""
 
 
 @dataclass(frozen=True)
@@ -63,13 +64,15 @@ def pair_moves(
         match = matches[i, j]
         sides = before[i], after[j]
         if bool(parts[0]) != bool(parts[1]):  # in pieces on both sides: let them find each other
-            used_before.update(parts[0])
-            used_after.update(parts[1])
-            sides = (
+            whole = (
                 united([before[i], *(before[k] for k in parts[0])]),
                 united([after[j], *(after[k] for k in parts[1])]),
             )
-            match = judged(*sides, least, config.max_size_ratio)
+            fuller = judged(*whole, least, config.max_size_ratio)
+            if same_thing(fuller) and fuller.size_ratio < match.size_ratio:  # no second such thing
+                sides, match = whole, fuller
+                used_before.update(parts[0])
+                used_after.update(parts[1])
         changes.append(Change(*sides, match))
     likeliest: tuple[dict[int, Match], dict[int, Match]] = {}, {}
     for pair in ranked:

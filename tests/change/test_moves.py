@@ -30,7 +30,7 @@ def kinds(objects: list[SceneObject], config: MoveConfig) -> list[str]:
 
 def test_the_most_similar_are_paired_first_and_only_once() -> None:
     first, better, rival = thing("before", 0), thing("after", 2), thing("after", 10)
-    changes = pair_moves([first, rival, better], 0.9, MoveConfig(reach=0))
+    changes = pair_moves([first, rival, better], 0.9, MoveConfig())
     moved = next(c for c in changes if c.before)
     assert moved.after is better
     assert moved.match is not None
@@ -67,13 +67,23 @@ def test_order_does_not_matter() -> None:
 
 def test_a_piece_that_touches_a_moved_thing_and_looks_like_it_is_part_of_it() -> None:
     """A plant's leaves and its pot before, the whole plant after."""
-    pot, leaves, plant = thing("before", 3), thing("before", 6), thing("after", 2)
+    pot, leaves, plant = thing("before", 3), thing("before", 6), thing("after", 2, size=2)
+    (region,) = leaves.regions
+    leaves = SceneObject("before", (replace(region, points=region.points + 1),))
     (moved,) = pair_moves([leaves, pot, plant], 0.9, MoveConfig())
     assert moved.before is not None
     assert moved.before.regions == pot.regions + leaves.regions
     assert moved.after is not None
     assert moved.after.regions == plant.regions
     assert kinds([leaves, pot, plant], MoveConfig(reach=0)) == ["moved", "removed"]
+
+
+def test_a_second_like_thing_beside_it_is_not_part_of_it() -> None:
+    """Two copies side by side, one of which went away and the other was moved."""
+    one, other, moved = thing("before", 3), thing("before", 6), thing("after", 2)
+    (region,) = other.regions
+    other = SceneObject("before", (replace(region, points=region.points + 1),))
+    assert kinds([one, other, moved], MoveConfig()) == ["moved", "removed"]
 
 
 def test_pieces_on_both_sides_find_each_other() -> None:
