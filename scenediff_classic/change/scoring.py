@@ -37,9 +37,6 @@ class ScoringConfig:
     shift_cells: int = 1
     """A feature may match within this many grid cells of its reprojection: registration is not
     perfect, and a silhouette off by a pixel is no change. 0 = the paper's exact comparison."""
-    min_measured: float = 1.0
-    """Share of a region's compared pixels that must have measured depth on both sides for their
-    mean gap to count in full; with fewer, E_geom is less in proportion."""
     min_visible: float = 0.3
     """Regions with a smaller visible part have no score (0 after smoothing, as in the paper)."""
     voxel: float = 1 / 200
@@ -235,11 +232,8 @@ class _Accumulator:
         Returns the score of every region in this comparison; NaN = not visible.
         """
         gap = np.where(seen.visible, np.clip(seen.gap, None, config.geometry_cap), np.nan)
-        _, visible = region_means(gap, self.regions)
-        e_geom, measured = region_means(np.where(seen.measured, gap, np.nan), self.regions)
-        # a guessed depth proves nothing
-        enough = np.maximum(config.min_measured * visible, 1e-9)
-        e_geom = np.nan_to_num(e_geom) * np.minimum(measured / enough, 1)
+        gap = np.where(seen.measured | ~seen.visible, gap, 0)  # a guessed depth proves nothing
+        e_geom, visible = region_means(gap, self.regions)
         e_feat, _ = region_means(np.where(seen.visible, distance, np.nan), self.regions)
         e_region = np.full(self.regions.count, np.nan)
         if len(other):
