@@ -38,22 +38,24 @@ def metrics_table(title: str, *first: str) -> Table:
     """An empty table with a column for each compared figure after the `first` ones."""
     table = Table(title=title)
     for name in first:
-        table.add_column(name, overflow="fold")
+        table.add_column(name, no_wrap=True)
     for name in METRICS.values():
-        table.add_column(name, justify="right")
+        table.add_column(_two_lines(name), justify="right", min_width=5)
     return table
 
 
 def rows_table(title: str, judged: Sequence[Judged]) -> Table:
     """One line a row, with a rule between groups."""
-    table = metrics_table(title, "", "row")
+    table = metrics_table(title, "row")
     for name in _COUNTS:
-        table.add_column(name, justify="right")
+        table.add_column(_two_lines(name), justify="right", min_width=4)
     last = None
     for item in judged:
         if last not in (None, item.row.group):
             table.add_section()
-        table.add_row(item.row.group if item.row.group != last else "", *_cells(item))
+        if item.row.group != last:
+            table.add_row(f"[bold]{item.row.group}[/bold]")
+        table.add_row(*_cells(item))
         last = item.row.group
     return table
 
@@ -80,6 +82,11 @@ def write_rows(judged: Sequence[Judged], stem: Path, **about: Any) -> None:
     lines += [(item.row.group, *_cells(item)) for item in judged]
     markdown = "".join(f"| {' | '.join(line)} |\n" for line in lines)
     write_atomic(stem.with_suffix(".md"), markdown)
+
+
+def _two_lines(heading: str) -> str:
+    """Narrow, so that a table fits on a terminal."""
+    return heading.replace(" ", "\n").replace("-", "-\n")
 
 
 def _cells(item: Judged) -> list[str]:
