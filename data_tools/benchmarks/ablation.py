@@ -65,13 +65,16 @@ class Ablation:
     """Rows with another geometry."""
     oracles: bool = False
     """Rows with the truth in place of one stage."""
+    only: tuple[str, ...] = ()
+    """Names of the rows to do beside the first; all if left out."""
     preset: Preset = "balanced"
     """As in `scenediff-classic detect`."""
 
     def __call__(self) -> list[Judged]:
         """Run, judge, print, and write."""
         console = Console()
-        rows = list(self.rows())
+        first, *others = self.rows()
+        rows = [first, *(r for r in others if not self.only or r.name in self.only)]
         judged = judged_rows(rows, self.pairs, self.out, self.work or self.out / "work", console)
         shown = best_variants(judged)
         console.print(rows_table(f"Ablation, {self.base} geometry (percent)", shown))

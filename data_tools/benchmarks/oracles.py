@@ -60,14 +60,18 @@ class MixedGeometry:
         self, before: Capture, after: Capture, workspace: Path, progress: Progress = silent
     ) -> Geometry:
         """Only frames that the estimate has placed."""
-        estimated = self.estimated(before, after, workspace, progress)
-        known = NpzGeometry(self.truth, self.long_side)(before, after, workspace, silent)
+        return self.derived(self.estimated(before, after, workspace, progress), before, after)
+
+    def derived(self, geometry: Geometry, before: Capture, after: Capture) -> Geometry:
+        """What becomes of the estimate."""
+        source = NpzGeometry(self.truth, self.long_side)
+        known = source(before, after, self.truth.parent, silent)
         by_key = {view.key: view for view in known.views}
-        true = [by_key[view.key] for view in estimated.views]
-        unit = _unit(estimated.views, true)
-        views = [self._mixed(e, t, unit) for e, t in zip(estimated.views, true, strict=True)]
-        points = SparsePoints.none() if self.cameras == "true" else estimated.points
-        return replace(estimated, views=tuple(views), points=points)
+        true = [by_key[view.key] for view in geometry.views]
+        unit = _unit(geometry.views, true)
+        views = [self._mixed(e, t, unit) for e, t in zip(geometry.views, true, strict=True)]
+        points = SparsePoints.none() if self.cameras == "true" else geometry.points
+        return replace(geometry, views=tuple(views), points=points)
 
     def _mixed(self, estimated: View, true: View, unit: float) -> View:
         """In the world of the cameras."""

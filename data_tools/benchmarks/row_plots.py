@@ -6,6 +6,7 @@ from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from data_tools.benchmarks.row_tables import METRICS, numbers
 from data_tools.benchmarks.rows import Judged
@@ -118,6 +119,7 @@ def _curve(
         else:
             axes.plot(default, level, "*", color=_LINES[metric], ms=9)
     axes.set_ylim(0, 100)
+    axes.xaxis.set_major_locator(MaxNLocator(5))
     _quiet(axes)
 
 
@@ -135,5 +137,5 @@ def _quiet(axes: Axes) -> None:
 
 def _save(figure: Figure, path: Path) -> None:
     stream = BytesIO()
-    figure.savefig(stream, format="png", dpi=110)
+    figure.savefig(stream, format="png", dpi=90, pil_kwargs={"optimize": True})
     write_atomic(path, stream.getvalue())

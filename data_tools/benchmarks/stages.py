@@ -10,7 +10,7 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from scenediff_classic.change.scoring import (
 )
 from scenediff_classic.geometry.store import SavedGeometry, load_geometry, save_geometry
 from scenediff_classic.pipeline import DetectConfig
-from scenediff_classic.protocols import Progress, silent
+from scenediff_classic.protocols import GeometryEstimator, Progress, silent
 from scenediff_classic.result.run import json_ready
 from scenediff_classic.types import VIDEOS, Capture, Geometry, Regions, ScoreMaps
 from scenediff_classic.video import fingerprint, read_capture
@@ -44,6 +44,20 @@ class Stages:
     """In normalised units."""
     regions: tuple[Regions, ...]
     scores: Scores
+
+
+@runtime_checkable
+class DerivedGeometry(Protocol):
+    """A source of geometry that alters another one, which is worth keeping as well."""
+
+    @property
+    def estimated(self) -> GeometryEstimator:
+        """The other one."""
+        ...
+
+    def derived(self, geometry: Geometry, before: Capture, after: Capture) -> Geometry:
+        """Alter what the other one gave."""
+        ...
 
 
 class PairStages:
@@ -82,13 +96,14 @@ class PairStages:
             same layout as a workspace of `pipeline.detect_changes`.
         """
         place = json_ready(config.geometry)
-        geometry = self._geometry(config, place, workspace)
+        geometry = normalised(self._geometry(config.geometry, workspace))
         regions = self._proposed(config, geometry, place)
         scores = self._scored(config, geometry, regions, place)
         return Stages(geometry, regions, scores)
 
-    def _geometry(self, config: DetectConfig, options: Any, workspace: str) -> Geometry:
-        key = digest(self.identity, options)
+    def _geometry(self, source: GeometryEstimator, workspace: str) -> Geometry:
+        """As the source gives it, in its own unit."""
+        key = digest(self.identity, json_ready(source))
         if key in self._failures:  # it would fail the same way for every row
             raise self._failures[key]
         if key not in self._geometries:
@@ -97,15 +112,20 @@ class PairStages:
                 if SavedGeometry.found_in(folder):
                     found = load_geometry(folder, *self.captures)
                 else:
-                    scratch = self._folder / workspace
-                    scratch.mkdir(parents=True, exist_ok=True)
-                    found = config.geometry(*self.captures, scratch, self._progress)
+                    found = self._estimated(source, workspace)
                     save_geometry(found, folder)
-                self._geometries[key] = normalised(found)
             except Exception as error:
                 self._failures[key] = error
                 raise
+            self._geometries[key] = found
         return self._geometries[key]
+
+    def _estimated(self, source: GeometryEstimator, workspace: str) -> Geometry:
+        if isinstance(source, DerivedGeometry):
+            return source.derived(self._geometry(source.estimated, workspace), *self.captures)
+        scratch = self._folder / workspace
+        scratch.mkdir(parents=True, exist_ok=True)
+        return source(*self.captures, scratch, self._progress)
 
     def _proposed(
         self, config: DetectConfig, geometry: Geometry, place: Any

@@ -122,8 +122,9 @@ def test_a_changed_pair_is_done_again(root, tmp_path) -> None:
     pairs = tmp_path / "pairs"
     shutil.copytree(root / "pairs", pairs)
     run = Ablation(
-        pairs, tmp_path / "out", base="true", cues=False, features=(), regions=(), geometry=()
-    )
+        pairs, tmp_path / "out", root / "work", base="true", cues=False, features=(), regions=(),
+        geometry=(),
+    )  # fmt: skip
     first = run()[0].metrics
     for path in (pairs / "cards" / "before").glob("*.png"):  # now everything looks changed
         Image.fromarray(255 - np.asarray(Image.open(path))).save(path)
