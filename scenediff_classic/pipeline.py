@@ -11,6 +11,7 @@ from scenediff_classic.change.changed_regions import ObjectConfig, changed_regio
 from scenediff_classic.change.describe import ConfidenceConfig, describe
 from scenediff_classic.change.moves import Change, MoveConfig, pair_moves
 from scenediff_classic.change.objects import group_objects
+from scenediff_classic.change.outlines import OutlineConfig, redrawn
 from scenediff_classic.change.scale import normalised, rescaled
 from scenediff_classic.change.scoring import Scores, ScoringConfig, score_changes
 from scenediff_classic.change.threshold import ThresholdConfig, change_threshold
@@ -46,6 +47,7 @@ class DetectConfig:
     scoring: ScoringConfig = field(default_factory=ScoringConfig)
     threshold: ThresholdConfig = field(default_factory=ThresholdConfig)
     objects: ObjectConfig = field(default_factory=ObjectConfig)
+    outlines: OutlineConfig = field(default_factory=OutlineConfig)
     moves: MoveConfig = field(default_factory=MoveConfig)
     confidence: ConfidenceConfig = field(default_factory=ConfidenceConfig)
 
@@ -125,6 +127,7 @@ def decided(
     objects = group_objects(
         geometry, regions, changed, threshold, config.features.merge, config.objects
     )
+    objects = redrawn(objects, geometry, config.outlines)
     changes = pair_moves(objects, config.features.similarity, config.moves)
     return answer(before, after, geometry, changes, threshold, config.confidence)
 
