@@ -90,7 +90,7 @@ class Ablation:
         yield self._row("as it is", "all cues")
         for name in SETS if self.cues else ():
             for factor in LIMITS:
-                variant = "" if factor == 1 else f"(bounds x {factor:g})"
+                variant = "" if factor == 1 else f"x{factor:g}"
                 yield self._row("cues", name, only_cues(name, factor), variant=variant)
         for feature in self.features:
             if configured(features=feature).features != default.features:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from rich import box
 from rich.table import Table
 
 from data_tools.benchmarks.rows import Judged
@@ -34,28 +35,28 @@ def percent(value: float | None) -> str:
     return "-" if value is None else f"{100 * value:.1f}"
 
 
-def metrics_table(title: str, *first: str) -> Table:
-    """An empty table with a column for each compared figure after the `first` ones."""
-    table = Table(title=title)
-    for name in first:
-        table.add_column(name, no_wrap=True)
+def metrics_table(title: str, first: str) -> Table:
+    """An empty table with a column for each compared figure after the `first` one."""
+    table = Table(title=title, box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False)
+    table.add_column(first, no_wrap=True)
     for name in METRICS.values():
-        table.add_column(_two_lines(name), justify="right", min_width=5)
+        table.add_column(_two_lines(name), justify="right")
     return table
 
 
 def rows_table(title: str, judged: Sequence[Judged]) -> Table:
-    """One line a row, with a rule between groups."""
+    """One line a row, under the name of its group; failed pairs only where there are some."""
     table = metrics_table(title, "row")
-    for name in _COUNTS:
-        table.add_column(_two_lines(name), justify="right", min_width=4)
+    failing = any(item.failures for item in judged)
+    for name in ("found / true", "others", *(("failed pairs",) if failing else ())):
+        table.add_column(_two_lines(name), justify="right")
     last = None
     for item in judged:
-        if last not in (None, item.row.group):
-            table.add_section()
         if item.row.group != last:
             table.add_row(f"[bold]{item.row.group}[/bold]")
-        table.add_row(*_cells(item))
+        name, *figures, found, true, others, failed = _cells(item)
+        counts = (f"{found} / {true}", others, *((failed,) if failing else ()))
+        table.add_row(f"  {name}", *figures, *counts)
         last = item.row.group
     return table
 
@@ -86,7 +87,7 @@ def write_rows(judged: Sequence[Judged], stem: Path, **about: Any) -> None:
 
 def _two_lines(heading: str) -> str:
     """Narrow, so that a table fits on a terminal."""
-    return heading.replace(" ", "\n").replace("-", "-\n")
+    return heading.replace(" ", "\n", 1).replace("-", "-\n")
 
 
 def _cells(item: Judged) -> list[str]:

@@ -130,7 +130,7 @@ def judged_rows(
 def _answer(row: Row, stages: PairStages, folder: Path) -> bool:
     """Write the answer of a row for a pair; False if it was there."""
     config, rule = row.config(stages.pair), row.rule(stages.pair)
-    key = digest(stages.identity, json_ready(config), json_ready(rule))
+    key = stages.key(config, rule)
     answer, origin = folder / "changes.json", folder / "made_from.json"
     if answer.is_file() and origin.is_file() and json.loads(origin.read_text())["key"] == key:
         return False

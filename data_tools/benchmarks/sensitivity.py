@@ -2,7 +2,7 @@
 
 ``python -m data_tools.benchmarks.sensitivity PAIRS -o OUT`` writes ``OUT/sensitivity.csv``,
 ``.json``, ``.md`` and ``.png``. Only what an option decides is computed again: for most that is the
-quick half of the method, for `tau_occ` and `shift` the scores as well.
+quick half of the method, for `tau_occ` the scores as well.
 """
 
 import sys

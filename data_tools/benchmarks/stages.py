@@ -95,15 +95,19 @@ class PairStages:
             Name of the folder in which the source of geometry keeps its own finished work; the
             same layout as a workspace of `pipeline.detect_changes`.
         """
-        place = json_ready(config.geometry)
         geometry = normalised(self._geometry(config.geometry, workspace))
-        regions = self._proposed(config, geometry, place)
-        scores = self._scored(config, geometry, regions, place)
+        regions = self._proposed(config, geometry)
+        scores = self._scored(config, geometry, regions)
         return Stages(geometry, regions, scores)
+
+    def key(self, *options: Any) -> str:
+        """Name of what these options make of the pair, wherever the pair lies."""
+        text = json.dumps([json_ready(option) for option in options], sort_keys=True)
+        return digest(self.identity, text.replace(json.dumps(str(self.pair))[1:-1], "<pair>"))
 
     def _geometry(self, source: GeometryEstimator, workspace: str) -> Geometry:
         """As the source gives it, in its own unit."""
-        key = digest(self.identity, json_ready(source))
+        key = self.key(source)
         if key in self._failures:  # it would fail the same way for every row
             raise self._failures[key]
         if key not in self._geometries:
@@ -127,10 +131,8 @@ class PairStages:
         scratch.mkdir(parents=True, exist_ok=True)
         return source(*self.captures, scratch, self._progress)
 
-    def _proposed(
-        self, config: DetectConfig, geometry: Geometry, place: Any
-    ) -> tuple[Regions, ...]:
-        key = digest(self.identity, place, json_ready(config.regions))
+    def _proposed(self, config: DetectConfig, geometry: Geometry) -> tuple[Regions, ...]:
+        key = self.key(config.geometry, config.regions)
         if key not in self._regions:
             path = self._folder / f"regions-{key}.npz"
             kept = load_npz(path)
@@ -147,13 +149,11 @@ class PairStages:
         config: DetectConfig,
         geometry: Geometry,
         regions: tuple[Regions, ...],
-        place: Any,
     ) -> Scores:
         plain = ScoringConfig()
         scoring = replace(config.scoring, **{name: getattr(plain, name) for name in _WEIGHTS})
         features = {k: v for k, v in json_ready(config.features).items() if k not in _LIMITS}
-        options = json_ready(config.regions), features, json_ready(scoring)
-        key = digest(self.identity, place, *options)
+        key = self.key(config.geometry, config.regions, features, scoring)
         if key not in self._scores:
             path = self._folder / f"scores-{key}.npz"
             kept = load_npz(path)
