@@ -1,0 +1,138 @@
+"""A scene as anisotropic 3D Gaussians (Kerbl et al., SIGGRAPH 2023).
+
+The tensors hold what is optimised: logarithms of the scales, unnormalised quaternions, logits of
+the opacities, coefficients of spherical harmonics.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+
+import numpy as np
+import torch
+from jaxtyping import Float, UInt8
+from scipy.spatial import cKDTree
+
+from scenediff_classic.errors import InputError
+from scenediff_classic.geometry.fusion import fuse
+from scenediff_classic.types import Geometry
+
+SH_0 = 0.28209479177387814
+"""The spherical harmonic of degree 0: colour = 0.5 + SH_0 * its coefficient."""
+
+MAX_DEGREE = 3
+START_OPACITY = 0.1
+START_OPACITY_DENSE = 0.5
+"""On a fused depth cloud every point lies on a surface that it should cover."""
+
+
+@dataclass(frozen=True)
+class Points:
+    """Coloured points to start from, in the world frame."""
+
+    xyz: Float[np.ndarray, "n 3"]
+    rgb: UInt8[np.ndarray, "n 3"]
+    dense: bool = False
+    """Whether they cover the surfaces (a fused depth cloud), or are sparse (from SfM)."""
+
+    @staticmethod
+    def of(geometry: Geometry, views: list[int] | None = None, most: int = 40_000) -> "Points":
+        """The fused depth cloud of some views where there is one, otherwise the sparse points.
+
+        Parameters
+        ----------
+        views : list of int, optional
+            Positions in `geometry.views`; all by default.
+        most : int
+            If there are more points, the cloud is made coarser until it has no more.
+
+        Raises
+        ------
+        InputError
+            If the geometry has neither depth nor points.
+        """
+        chosen = range(len(geometry.views)) if views is None else views
+        part = Geometry(tuple(geometry.views[i] for i in chosen), geometry.points)
+        if any(view.measured.any() for view in part.views):
+            cloud = fuse(part)
+            voxel = _extent(cloud.xyz) / 400
+            while len(cloud.xyz) > most:
+                voxel *= 1.1 * np.sqrt(max(len(cloud.xyz) / most / 1.2, 1.0))
+                cloud = fuse(part, voxel)
+            return Points(cloud.xyz, cloud.rgb, dense=True)
+        seen = geometry.points.observations
+        rows = np.unique(seen[np.isin(seen[:, 1], list(chosen)), 0])
+        if not len(rows):
+            raise InputError("The geometry has neither depth nor points to start Gaussians from.")
+        return Points(geometry.points.xyz[rows], geometry.points.rgb[rows])
+
+
+@dataclass(frozen=True)
+class Gaussians:
+    """`n` Gaussians; all tensors share dtype and device."""
+
+    means: Float[torch.Tensor, "n 3"]
+    """Centres, in the world frame."""
+    log_scales: Float[torch.Tensor, "n 3"]
+    """Logarithm of the standard deviation along each axis, in world units."""
+    quaternions: Float[torch.Tensor, "n 4"]
+    """World from axes, as (w, x, y, z); need not be of unit length."""
+    opacity_logits: Float[torch.Tensor, "n"]
+    sh: Float[torch.Tensor, "n k 3"]
+    """Colour by direction of view: (degree + 1) ** 2 coefficients a channel."""
+
+    def __len__(self) -> int:
+        """How many there are."""
+        return len(self.means)
+
+    @property
+    def degree(self) -> int:
+        """Degree of the spherical harmonics, 0 to 3."""
+        return round(self.sh.shape[1] ** 0.5) - 1
+
+    @property
+    def opacities(self) -> Float[torch.Tensor, "n"]:
+        """Opacity at the centre, 0 to 1."""
+        return torch.sigmoid(self.opacity_logits)
+
+    def map(self, change: Callable[[torch.Tensor], torch.Tensor]) -> "Gaussians":
+        """The same function applied to every tensor: a selection, a copy, another dtype."""
+        return Gaussians(*(change(getattr(self, f.name)) for f in fields(self)))
+
+    def detached(self) -> "Gaussians":
+        """The same values without a graph."""
+        return self.map(lambda t: t.detach())
+
+    @staticmethod
+    def start(
+        points: Points, degree: int = MAX_DEGREE, dtype: torch.dtype = torch.float32
+    ) -> "Gaussians":
+        """A round Gaussian at each point, as large as the distance to its neighbours.
+
+        Raises
+        ------
+        InputError
+            If there are fewer than four points.
+        """
+        if len(points.xyz) < 4:
+            raise InputError("Gaussians need at least four points to start from.")
+        distance, _ = cKDTree(points.xyz).query(points.xyz, k=4)
+        spacing = np.sqrt(np.mean(distance[:, 1:] ** 2, axis=1))
+        least = np.median(spacing) * 1e-2 + np.finfo(np.float32).tiny
+        # sparse points miss most of the surface; isolated ones would else cover the picture
+        spacing = np.clip(spacing, least, np.quantile(spacing, 0.99) if points.dense else None)
+        if points.dense:
+            spacing = spacing / 2
+        opacity = START_OPACITY_DENSE if points.dense else START_OPACITY
+        n = len(points.xyz)
+        sh = np.zeros((n, (degree + 1) ** 2, 3))
+        sh[:, 0] = (points.rgb / 255 - 0.5) / SH_0
+        turn = np.tile([1.0, 0, 0, 0], (n, 1))
+        logits = np.full(n, np.log(opacity / (1 - opacity)))
+        scales = np.tile(np.log(spacing)[:, None], (1, 3))
+        arrays = (points.xyz, scales, turn, logits, sh)
+        return Gaussians(*(torch.tensor(np.asarray(a), dtype=dtype) for a in arrays))
+
+
+def _extent(xyz: Float[np.ndarray, "n 3"]) -> float:
+    low, high = np.percentile(xyz, [1, 99], axis=0)
+    return float(np.max(high - low))
