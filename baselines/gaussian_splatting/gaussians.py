@@ -10,7 +10,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 import torch
 from jaxtyping import Float, UInt8
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from scenediff_classic.errors import InputError
 from scenediff_classic.geometry.fusion import fuse
@@ -115,7 +115,7 @@ class Gaussians:
         """
         if len(points.xyz) < 4:
             raise InputError("Gaussians need at least four points to start from.")
-        distance, _ = cKDTree(points.xyz).query(points.xyz, k=4)
+        distance, _ = KDTree(points.xyz).query(points.xyz, k=4)
         spacing = np.sqrt(np.mean(distance[:, 1:] ** 2, axis=1))
         least = np.median(spacing) * 1e-2 + np.finfo(np.float32).tiny
         # sparse points miss most of the surface; isolated ones would else cover the picture

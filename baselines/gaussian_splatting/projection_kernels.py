@@ -136,13 +136,15 @@ def _harmonics(degree, x, y, z, basis):
 
 @njit(**_THREAD)
 def project(
-    means, log_scales, quaternions, logits, sh, extra, cam, degree, shape, splats, values,
+    means, log_scales, quaternions, logits, sh, extra, shift, cam, degree, shape, splats, values,
     first, last,
 ):  # fmt: skip
     """Fill `splats` (n, SPLAT) and `values` (n, 4 + extra) of Gaussians `first` to `last`.
 
     Parameters
     ----------
+    shift : array (n, 2)
+        Added to the centres on the picture, in pixels.
     cam : array
         See `PinholeCamera.packed`.
     shape : (height, width) of the picture
@@ -158,8 +160,8 @@ def project(
         opacity = one / (one + math.exp(-logits[i]))
         if not (z > cam[21] and opacity > r(MIN_ALPHA)):
             continue
-        px = (cam[12] * x + cam[14] * y) / z + cam[15]
-        py = cam[13] * y / z + cam[16]
+        px = (cam[12] * x + cam[14] * y) / z + cam[15] + shift[i, 0]
+        py = cam[13] * y / z + cam[16] + shift[i, 1]
         u = min(max(x / z, cam[17]), cam[18])
         v = min(max(y / z, cam[19]), cam[20])
         turn, _, _ = _rotation(quaternions[i], one, two)

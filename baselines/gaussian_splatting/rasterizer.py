@@ -1,4 +1,4 @@
-"""Rendering Gaussians on the CPU, differentiable by PyTorch: compiled kernels, hand-written backward.
+"""Rendering Gaussians, differentiable by PyTorch: compiled kernels with a hand-written backward.
 
 ``render(gaussians, camera, extra=...) -> Rendering(rgb, depth, alpha, extra)`` draws everything in
 one pass. Gradients reach the means, scales, rotations, opacities, colours, extra channels, and the
@@ -20,8 +20,6 @@ from baselines.gaussian_splatting.projection_kernels import (
     HALF_WIDTH,
     MOMENTS,
     SPLAT,
-    X,
-    Y,
     project,
     project_backward,
 )
@@ -128,9 +126,9 @@ def accumulate(
     channels = pictures[0].shape[2]
     dtype = on_cpu.means.numpy().dtype
     sums = np.zeros((len(on_cpu), 1 + channels))
-    nothing = on_cpu.means.new_zeros((len(on_cpu), 0))
+    nothing, still = (on_cpu.means.new_zeros((len(on_cpu), k)) for k in (0, 2))
     for camera, picture in zip(cameras, pictures, strict=True):
-        splats, _, lists = _project(on_cpu, nothing, None, camera, 0)
+        splats, _, lists = _project(on_cpu, nothing, still, camera, 0)
         known = np.isfinite(picture).all(axis=2, keepdims=True)
         planes = np.concatenate([known, np.where(known, picture, 0)], axis=2)
         planes = np.ascontiguousarray(planes.transpose(2, 0, 1), dtype=dtype)
@@ -163,7 +161,7 @@ def _arrays(gaussians: Gaussians) -> tuple[np.ndarray, ...]:
 def _project(
     gaussians: Gaussians,
     extra: torch.Tensor,
-    shift: torch.Tensor | None,
+    shift: torch.Tensor,
     camera: PinholeCamera,
     degree: int,
 ) -> tuple[np.ndarray, np.ndarray, _TileLists]:
@@ -172,11 +170,9 @@ def _project(
     shape = (camera.height, camera.width)
     splats = np.empty((n, SPLAT), dtype)
     values = np.empty((n, FIXED + extra.shape[1]), dtype)
-    more = np.ascontiguousarray(extra.detach().numpy())
+    more = (np.ascontiguousarray(t.detach().numpy()) for t in (extra, shift))
     packed = camera.packed(dtype.type)
-    over_blocks(project, n, GAUSSIANS, *arrays, more, packed, degree, shape, splats, values)
-    if shift is not None:
-        splats[:, X : Y + 1] += shift.detach().numpy()
+    over_blocks(project, n, GAUSSIANS, *arrays, *more, packed, degree, shape, splats, values)
     seen = np.flatnonzero(splats[:, HALF_WIDTH])
     order = seen[np.argsort(values[seen, 3], kind="stable")]
     tiles = -(-shape[0] // TILE) * -(-shape[1] // TILE)

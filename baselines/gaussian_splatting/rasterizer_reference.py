@@ -77,9 +77,7 @@ def rotation_matrices(quaternions: Float[torch.Tensor, "n 4"]) -> Float[torch.Te
     return torch.stack(rows, 1).reshape(-1, 3, 3)
 
 
-def harmonics(
-    directions: Float[torch.Tensor, "n 3"], degree: int
-) -> Float[torch.Tensor, "n k"]:
+def harmonics(directions: Float[torch.Tensor, "n 3"], degree: int) -> Float[torch.Tensor, "n k"]:
     """Real spherical harmonics at unit vectors, in the order and with the signs of 3DGS."""
     x, y, z = directions.unbind(1)
     out = [torch.full_like(x, SH_0)]
