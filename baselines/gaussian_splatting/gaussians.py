@@ -5,7 +5,7 @@ the opacities, coefficients of spherical harmonics.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import torch
@@ -38,6 +38,9 @@ class Points:
     def of(geometry: Geometry, views: list[int] | None = None, most: int = 40_000) -> "Points":
         """The fused depth cloud of some views where there is one, otherwise the sparse points.
 
+        Completed depth counts like measured one: where plain surfaces have no Gaussians, a training
+        takes long to find some.
+
         Parameters
         ----------
         views : list of int, optional
@@ -51,12 +54,14 @@ class Points:
             If the geometry has neither depth nor points.
         """
         chosen = range(len(geometry.views)) if views is None else views
-        part = Geometry(tuple(geometry.views[i] for i in chosen), geometry.points)
+        kept = [geometry.views[i] for i in chosen]
+        filled = (replace(v, measured=np.isfinite(v.depth) & ~v.ignore) for v in kept)
+        part = Geometry(tuple(filled), geometry.points)
         if any(view.measured.any() for view in part.views):
             cloud = fuse(part)
             voxel = _extent(cloud.xyz) / 400
             while len(cloud.xyz) > most:
-                voxel *= 1.1 * np.sqrt(max(len(cloud.xyz) / most / 1.2, 1.0))
+                voxel *= max(np.sqrt(len(cloud.xyz) / most), 1.02)
                 cloud = fuse(part, voxel)
             return Points(cloud.xyz, cloud.rgb, dense=True)
         seen = geometry.points.observations

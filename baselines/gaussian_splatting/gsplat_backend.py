@@ -4,6 +4,7 @@
 finishes a pixel one Gaussian earlier than ours (before the light falls below 1e-4, not after).
 """
 
+import importlib
 from typing import Any
 
 import torch
@@ -62,10 +63,9 @@ def _receive(shift: torch.Tensor, grad: torch.Tensor) -> None:
 
 def _gsplat() -> Any:
     try:
-        import gsplat
+        return importlib.import_module("gsplat")
     except ImportError as error:
         raise InputError(
             "Gaussian splatting on CUDA needs the package gsplat: install it with "
             "'pip install gsplat', or choose the device cpu."
         ) from error
-    return gsplat
