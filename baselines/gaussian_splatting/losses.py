@@ -30,7 +30,7 @@ class Target:
     square: Float[torch.Tensor, "c h w"]
     """Its square, blurred."""
     ignore: Bool[torch.Tensor, "h w"] | None = None
-    """Pixels that count as if they were matched."""
+    """Pixels that count as matched, and as black in the windows of others."""
 
     @staticmethod
     def of(
@@ -39,7 +39,7 @@ class Target:
         """Prepare a picture (channels first)."""
         known = ignore is None or not ignore.any()
         hidden = None if known else torch.from_numpy(np.asarray(ignore)).to(planes.device)
-        planes = planes.contiguous()
+        planes = planes.contiguous() if hidden is None else planes.masked_fill(hidden, 0)
         return Target(planes, _blur(planes), _blur(planes * planes), hidden)
 
 

@@ -122,7 +122,9 @@ def test_a_gaussian_is_a_gaussian_on_the_picture() -> None:
 @given(st.floats(1, 5), st.floats(1.2, 3))
 def test_the_nearer_one_hides_the_other(near: float, ratio: float) -> None:
     back, front = one(near * ratio, size=5.0), one(near, size=5.0)
-    both = Gaussians(*(torch.cat(p) for p in zip(vars(back).values(), vars(front).values())))
+    both = Gaussians(
+        *(torch.cat(p) for p in zip(vars(back).values(), vars(front).values(), strict=True))
+    )
     picture = render(both, CAMERA, extra=torch.tensor([[1.0], [0.0]], dtype=torch.float64))
     centre = picture.extra[18, 25, 0], picture.alpha[18, 25], picture.depth[18, 25]
     assert float(centre[0]) == pytest.approx(0.0099, abs=2e-4)
