@@ -11,7 +11,6 @@ import torch
 
 from baselines.gaussian_splatting.adam import Adam
 from baselines.gaussian_splatting.gaussians import Gaussians
-from baselines.gaussian_splatting.rasterizer_reference import rotation_matrices
 
 CHILDREN = 2
 CHILD_SIZE = 1 / 1.6
@@ -112,7 +111,7 @@ def _split(gaussians: Gaussians, rng: np.random.Generator) -> Gaussians:
     """Two smaller ones drawn from each."""
     many = gaussians.map(lambda t: torch.cat([t] * CHILDREN))
     draw = torch.from_numpy(rng.normal(size=(len(many), 3))).to(many.means)
-    along = rotation_matrices(many.quaternions) @ (draw * many.log_scales.exp())[:, :, None]
+    along = many.rotations @ (draw * many.log_scales.exp())[:, :, None]
     return Gaussians(
         many.means + along[:, :, 0],
         many.log_scales + math.log(CHILD_SIZE),

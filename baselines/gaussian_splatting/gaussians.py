@@ -99,6 +99,18 @@ class Gaussians:
         """Opacity at the centre, 0 to 1."""
         return torch.sigmoid(self.opacity_logits)
 
+    @property
+    def rotations(self) -> Float[torch.Tensor, "n 3 3"]:
+        """World from axes, as matrices."""
+        return _rotation_matrices(self.quaternions)
+
+    def colours(self, centre: Float[torch.Tensor, "3"], degree: int) -> Float[torch.Tensor, "n 3"]:
+        """Red, green and blue, not negative, as seen from a camera at `centre`."""
+        away = torch.nn.functional.normalize(self.means - centre, dim=1)
+        basis = _harmonics(away, degree)
+        mixed = torch.einsum("nk,nkc->nc", basis, self.sh[:, : basis.shape[1]])
+        return (mixed + 0.5).clamp(min=0)
+
     def map(self, change: Callable[[torch.Tensor], torch.Tensor]) -> "Gaussians":
         """The same function applied to every tensor: a selection, a copy, another dtype."""
         return Gaussians(*(change(getattr(self, f.name)) for f in fields(self)))
@@ -141,3 +153,37 @@ class Gaussians:
 def _extent(xyz: Float[np.ndarray, "n 3"]) -> float:
     low, high = np.percentile(xyz, [1, 99], axis=0)
     return float(np.max(high - low))
+
+
+def _rotation_matrices(quaternions: Float[torch.Tensor, "n 4"]) -> Float[torch.Tensor, "n 3 3"]:
+    """Rotation matrices of quaternions (w, x, y, z) of any length."""
+    w, x, y, z = torch.nn.functional.normalize(quaternions, dim=1).unbind(1)
+    rows = [
+        1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
+        2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+        2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
+    ]  # fmt: skip
+    return torch.stack(rows, 1).reshape(-1, 3, 3)
+
+
+def _harmonics(directions: Float[torch.Tensor, "n 3"], degree: int) -> Float[torch.Tensor, "n k"]:
+    """Real spherical harmonics at unit vectors, in the order and with the signs of 3DGS."""
+    x, y, z = directions.unbind(1)
+    out = [torch.full_like(x, SH_0)]
+    if degree > 0:
+        k = 0.4886025119029199
+        out += [-k * y, k * z, -k * x]
+    if degree > 1:
+        k = 1.0925484305920792
+        out += [
+            k * x * y, -k * y * z, 0.31539156525252005 * (2 * z * z - x * x - y * y),
+            -k * x * z, k / 2 * (x * x - y * y),
+        ]  # fmt: skip
+    if degree > 2:
+        a, b, c, d = 0.5900435899266435, 2.890611442640554, 0.4570457994644658, 0.3731763325901154
+        out += [
+            -a * y * (3 * x * x - y * y), b * x * y * z, -c * y * (4 * z * z - x * x - y * y),
+            d * z * (2 * z * z - 3 * x * x - 3 * y * y), -c * x * (4 * z * z - x * x - y * y),
+            b / 2 * z * (x * x - y * y), -a * x * (x * x - 3 * y * y),
+        ]  # fmt: skip
+    return torch.stack(out, 1)

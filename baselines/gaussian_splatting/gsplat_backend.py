@@ -13,7 +13,6 @@ from jaxtyping import Bool, Float
 from baselines.gaussian_splatting.camera import PinholeCamera
 from baselines.gaussian_splatting.gaussians import Gaussians
 from baselines.gaussian_splatting.projection_kernels import LOW_PASS
-from baselines.gaussian_splatting.rasterizer_reference import harmonics
 from scenediff_classic.cameras import camera_centre
 from scenediff_classic.errors import InputError
 
@@ -38,11 +37,9 @@ def draw(
     g = gaussians
     like: dict[str, Any] = {"dtype": g.means.dtype, "device": g.means.device}
     centre = torch.tensor(camera_centre(camera.cam_from_world), **like)
-    basis = harmonics(torch.nn.functional.normalize(g.means - centre, dim=1), degree)
-    colours = torch.einsum("nk,nkc->nc", basis, g.sh[:, : basis.shape[1]]) + 0.5
     drawn, alpha, meta = gsplat.rasterization(
         g.means, g.quaternions, g.log_scales.exp(), g.opacities,
-        torch.cat([colours.clamp(min=0), extra], dim=1),
+        torch.cat([g.colours(centre, degree), extra], dim=1),
         torch.tensor(camera.cam_from_world, **like)[None],
         torch.tensor(camera.intrinsics, **like)[None],
         camera.width, camera.height, near_plane=camera.near, eps2d=LOW_PASS, packed=False,

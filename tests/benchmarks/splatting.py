@@ -16,13 +16,13 @@ from typing import Literal
 import numpy as np
 import torch
 import tyro
-from jaxtyping import Float, Float32
 
+from baselines.gaussian_splatting.adam import NAMES, Adam
 from baselines.gaussian_splatting.camera import PinholeCamera
 from baselines.gaussian_splatting.gaussians import Gaussians, Points
-from baselines.gaussian_splatting.losses import psnr
-from baselines.gaussian_splatting.rasterizer import render
-from baselines.gaussian_splatting.train import Trained, TrainConfig, TrainProgress, train
+from baselines.gaussian_splatting.losses import Target, photometric_loss, psnr
+from baselines.gaussian_splatting.rasterizer import _project, render
+from baselines.gaussian_splatting.train import TrainConfig, Trained, TrainProgress, train
 from data_tools.synthetic_pairs.export import write_pair
 from data_tools.synthetic_pairs.scene import PairSpec
 from scenediff_classic.geometry.stereo.multi_view import MultiViewStereo
@@ -126,21 +126,140 @@ def wall_of_gaussians(count: int, seed: int = 0) -> tuple[Gaussians, PinholeCame
     return Gaussians(*(torch.tensor(a, dtype=torch.float32) for a in arrays)), camera
 
 
-def iteration_cost(
-    gaussians: Gaussians, camera: PinholeCamera, rounds: int = 5
-) -> tuple[float, float]:
-    """CPU seconds of a rendering, and of a rendering with its gradients."""
-    leaves = gaussians.map(lambda t: t.requires_grad_())
-
-    def both() -> None:
-        render(leaves, camera).rgb.sum().backward()
-
-    return _cpu(lambda: render(gaussians.detached(), camera), rounds), _cpu(both, rounds)
-
-
 def _cpu(action: Callable[[], object], rounds: int) -> float:
     action()  # compiles
     started = time.process_time()
     for _ in range(rounds):
         action()
     return (time.process_time() - started) / rounds
+
+
+def shares(gaussians: Gaussians, camera: PinholeCamera, rounds: int = 5) -> dict[str, float]:
+    """CPU seconds that each step of an iteration takes."""
+    steps = iteration_steps(gaussians, camera)
+    return {name: _cpu(step, rounds) for name, step in steps.items()}
+
+
+def iteration_steps(gaussians: Gaussians, camera: PinholeCamera) -> dict[str, Callable[[], object]]:
+    """The steps of an iteration, each ready to be done again and again."""
+    leaves = gaussians.map(lambda t: t.clone().requires_grad_())
+    nothing, still = gaussians.means.new_zeros((len(gaussians), 0)), torch.zeros(len(gaussians), 2)
+    picture = torch.rand(3, camera.height, camera.width)
+    target = Target.of(torch.rand(picture.shape))
+    adam, rates = (
+        Adam.start(gaussians),
+        {name: np.full(getattr(gaussians, name)[0].numel(), 1e-9) for name in NAMES},
+    )
+    drawn = render(leaves, camera)
+    seed = torch.rand_like(drawn.rgb)
+    everything = torch.ones(len(gaussians), dtype=torch.bool)
+    torch.autograd.backward(drawn.rgb, seed, retain_graph=True)
+
+    def loss() -> None:
+        photometric_loss(picture.requires_grad_(), target).backward()
+
+    return {
+        "projection and lists": lambda: _project(gaussians, nothing, still, camera, 2),
+        "whole rendering": lambda: render(gaussians, camera),
+        "backward": lambda: torch.autograd.backward(drawn.rgb, seed, retain_graph=True),
+        "loss": loss,
+        "Adam": lambda: adam.step(leaves, rates, everything, 1),
+    }
+
+
+def speed() -> None:
+    """Print what an iteration costs."""
+    print(" Gaussians     pixels   CPU ms  iterations/s of one core   steps (ms)")
+    for count in (10_000, 30_000, 50_000):
+        for factor in (2, 1, 0.5):
+            gaussians, camera = wall_of_gaussians(count)
+            camera = camera.resized(round(240 / factor), round(320 / factor))
+            cost = shares(gaussians, camera)
+            total = sum(cost.values()) - cost["projection and lists"]
+            steps = ", ".join(f"{name} {1000 * s:.1f}" for name, s in cost.items())
+            size = f"{camera.width}x{camera.height}"
+            print(f"{count:10d} {size:>10} {1000 * total:8.1f} {1 / total:12.1f}   {steps}")
+
+
+@dataclass(frozen=True)
+class Options:
+    """Quality and speed of Gaussian splatting."""
+
+    speed: bool = False
+    """Only what an iteration costs."""
+    pair: Path | None = None
+    """A rendered pair (`data_tools.synthetic_pairs`) instead of the one that is made."""
+    frames: int = 24
+    width: int = 320
+    start: Start = "stereo"
+    most: int = 20_000
+    """Points to start from."""
+    train: TrainConfig = field(default_factory=TrainConfig)
+
+
+def main(options: Options) -> None:
+    """Print the figures."""
+    if options.speed:
+        speed()
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        pair = options.pair
+        if pair is None:
+            spec = PairSpec(
+                "splatting", 77, options.frames, options.width, options.width * 3 // 4,
+                texture_size=1024, close=True,
+            )  # fmt: skip
+            write_pair(spec, Path(folder))
+            pair = Path(folder) / spec.name
+        geometry, truth = rendered_capture(pair, width=options.width)
+    hidden = held_out(len(truth))
+    shown = [i for i in range(len(truth)) if i not in hidden]
+    seen = part_of(geometry, shown)
+    began = time.monotonic()
+    points = starting_points(seen, options.start, options.most)
+    print(f"{len(points.xyz)} points from {options.start}: {time.monotonic() - began:.0f} s")
+
+    def report(at: TrainProgress) -> None:
+        if at.iteration % 100 == 0:
+            print(at, flush=True)
+
+    result, cost = trained(seen, points, options.train, report)
+    print(f"{cost.cpu_s:.3f} CPU s an iteration, {cost.wall_s:.0f} s in all")
+    rows = [("trained on", shown), ("held out", hidden), ("held out, inside", hidden[1:])]
+    for name, chosen in rows:
+        views, depths = [geometry.views[i] for i in chosen], [truth[i] for i in chosen]
+        print(f"{name:>16}: {quality(result.gaussians, views, depths)}")
+
+
+def test_a_rendered_room_is_learned_and_costs_are_counted() -> None:
+    geometry, depths = room(36, 48, 9)
+    assert held_out(9) == [0, 8]
+    shown = part_of(geometry, range(1, 8))
+    measured = tuple(
+        replace(v, depth=d, measured=np.isfinite(d))
+        for v, d in zip(shown.views, depths[1:8], strict=True)
+    )
+    points = Points.of(replace(shown, views=measured), most=2500)
+    sparse = starting_points(shown, "sparse", 0)
+    assert len(sparse.xyz) == len(np.unique(shown.points.observations[:, 0]))
+    config = TrainConfig(iterations=120, degree=0, densify=None)
+    result, cost = trained(shown, points, config)
+    known = quality(result.gaussians, shown.views[3:4], depths[4:5])
+    assert known.psnr > 22
+    assert known.depth_error < 2
+    assert known.depth_known > 95
+    assert 0 < cost.cpu_s < 10
+    assert cost.wall_s > 0
+
+
+def test_the_wall_is_covered_and_its_steps_take_time() -> None:
+    gaussians, camera = wall_of_gaussians(400)
+    small = camera.resized(24, 32)
+    assert float(render(gaussians, small).alpha.mean()) > 0.8
+    cost = shares(gaussians, small, rounds=1)
+    assert set(cost) == {"projection and lists", "whole rendering", "backward", "loss", "Adam"}
+    assert min(cost.values()) >= 0
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Options))

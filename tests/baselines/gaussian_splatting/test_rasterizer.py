@@ -12,7 +12,6 @@ from baselines.gaussian_splatting.camera import PinholeCamera
 from baselines.gaussian_splatting.gaussians import Gaussians
 from baselines.gaussian_splatting.rasterizer import Rendering, accumulate, render
 from baselines.gaussian_splatting.rasterizer_reference import render_densely
-from scenediff_classic.errors import InputError
 from tests.baselines.gaussian_splatting.scenes import CAMERA, cloud
 
 NAMES = ("means", "log_scales", "quaternions", "opacity_logits", "sh", "extra", "screen_shift")
@@ -169,10 +168,3 @@ def test_a_camera_of_half_the_size_shows_the_same() -> None:
     small = large.resized(32, 40)
     halves = render(gaussians, large).alpha.reshape(32, 2, 40, 2).mean(dim=(1, 3))
     torch.testing.assert_close(render(gaussians, small).alpha, halves, atol=0.01, rtol=0)
-
-
-def test_without_gsplat_cuda_is_refused_in_one_sentence() -> None:
-    from baselines.gaussian_splatting import gsplat_backend
-
-    with pytest.raises(InputError, match="gsplat"):
-        gsplat_backend.draw(cloud(4), torch.zeros(4, 0), torch.zeros(4, 2), CAMERA, 0)

@@ -12,7 +12,7 @@ from baselines.gaussian_splatting.channels import ChannelConfig, fit_channel
 from baselines.gaussian_splatting.densify import DensifyConfig, densify, reset_opacities
 from baselines.gaussian_splatting.gaussians import Gaussians, Points
 from baselines.gaussian_splatting.rasterizer import render
-from baselines.gaussian_splatting.train import Trained, TrainConfig, TrainProgress, train
+from baselines.gaussian_splatting.train import TrainConfig, Trained, TrainProgress, train
 from scenediff_classic.errors import InputError
 from scenediff_classic.types import Geometry, SparsePoints
 from tests.baselines.gaussian_splatting.scenes import cloud
