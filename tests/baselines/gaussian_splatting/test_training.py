@@ -78,7 +78,7 @@ def test_a_channel_learns_its_masks_and_leaves_the_geometry(
     assert float((further.logits - channel.logits).abs().max()) < 0.1
 
 
-class _Stopped(Exception):
+class _StoppedError(Exception):
     pass
 
 
@@ -92,9 +92,9 @@ def test_a_resumed_training_ends_bit_equal(tmp_path: Path, stop: int) -> None:
 
     def interrupt(report: TrainProgress) -> None:
         if report.iteration == stop:
-            raise _Stopped
+            raise _StoppedError
 
-    with pytest.raises(_Stopped):
+    with pytest.raises(_StoppedError):
         train(geometry.views, points, SHORT, checkpoint=file, progress=interrupt)
     seen: list[TrainProgress] = []
     resumed = train(geometry.views, points, SHORT, checkpoint=file, progress=seen.append)
