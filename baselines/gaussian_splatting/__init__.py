@@ -1,0 +1,1 @@
+"""3D Gaussian splatting on any CPU, or on CUDA through `gsplat`."""
