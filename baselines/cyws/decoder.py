@@ -110,18 +110,20 @@ class CenterNetHead(nn.Module):
 
     def __init__(self, channels: int) -> None:
         super().__init__()
-        self.heatmap_head = self._branch(channels, 1)
-        self.wh_head = self._branch(channels, 2)
-        self.offset_head = self._branch(channels, 2)
-        nn.init.constant_(self.heatmap_head[-1].bias, -2.197)  # a tenth, before anything is learnt
-        for branch in (self.wh_head, self.offset_head):
-            nn.init.normal_(branch[-1].weight, std=0.001)
-            nn.init.zeros_(branch[-1].bias)
+        # the heat is a tenth everywhere, before anything is learnt
+        self.heatmap_head = self._branch(channels, 1, bias=-2.197)
+        self.wh_head = self._branch(channels, 2, std=0.001)
+        self.offset_head = self._branch(channels, 2, std=0.001)
 
     @staticmethod
-    def _branch(channels: int, outside: int) -> nn.Sequential:
-        first = nn.Conv2d(channels, channels, 3, 1, 1)
-        return nn.Sequential(first, nn.ReLU(), nn.Conv2d(channels, outside, 1))
+    def _branch(
+        channels: int, outside: int, bias: float = 0.0, std: float | None = None
+    ) -> nn.Sequential:
+        last = nn.Conv2d(channels, outside, 1)
+        nn.init.constant_(last.bias, bias)  # pyright: ignore[reportArgumentType]
+        if std is not None:
+            nn.init.normal_(last.weight, std=std)
+        return nn.Sequential(nn.Conv2d(channels, channels, 3, 1, 1), nn.ReLU(), last)
 
     def forward(self, x: Tensor) -> HeadMaps:
         """The three maps."""

@@ -43,17 +43,22 @@ class Registration:
     def splat(self, height: int, width: int) -> tuple[Splat, Splat]:
         """The second picture's points on a grid of the first, and the first's on one of the
         second."""
-        rows = ((torch.arange(height) + 0.5) * self.depth.shape[2] / height).long()
-        columns = ((torch.arange(width) + 0.5) * self.depth.shape[3] / width).long()
-        depth = self.depth[:, :, rows[:, None], columns].flatten(2)
-        places = self._across(_grid(height, width, self.stretched, depth), depth)
+        depth, places = self.carried_grid(height, width)
         size = depth.new_tensor([width, height])
-        if self.stretched:
-            xy = places[..., :2] * (size - 1) + 0.5
-        else:
-            xy = places[..., :2] * size
+        uv = places[..., :2]
+        xy = uv * (size - 1) + 0.5 if self.stretched else uv * size
         first, second = (splat(xy[:, k], places[:, k, :, 2], height, width) for k in (1, 0))
         return first, second
+
+    def carried_grid(
+        self, height: int, width: int
+    ) -> tuple[Float[Tensor, "b 2 n"], Float[Tensor, "b 2 n 3"]]:
+        """Depth at the cells of a grid, and (u', v', depth') of each in the other picture."""
+        device = self.depth.device
+        rows = (torch.arange(height, device=device) + 0.5) * self.depth.shape[2] / height
+        columns = (torch.arange(width, device=device) + 0.5) * self.depth.shape[3] / width
+        depth = self.depth[:, :, rows.long()[:, None], columns.long()].flatten(2)
+        return depth, self._across(_grid(height, width, self.stretched, depth), depth)
 
     def _across(self, uv: Tensor, depth: Tensor) -> Tensor:
         """(u', v', depth') of points (b, 2, n, 2) in the other picture."""
