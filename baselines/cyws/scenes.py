@@ -19,9 +19,8 @@ import tyro
 from jaxtyping import Float32, Float64, Int8, Int32, UInt8
 
 from data_tools.synthetic_pairs import noise
-from data_tools.synthetic_pairs.models import Model
 from data_tools.synthetic_pairs.renderer import Renderer
-from data_tools.synthetic_pairs.scene import HardCase, PairSpec, compose
+from data_tools.synthetic_pairs.scene import HardCase, PairSpec, Scene, compose
 from data_tools.synthetic_pairs.tracer import Camera, Tracer
 from scenediff_classic.errors import InputError, SceneDiffError
 from scenediff_classic.types import VIDEOS, Video
@@ -108,15 +107,6 @@ class RenderScenes:
         )
 
 
-@dataclass(frozen=True)
-class _Site:
-    """A changed object at one of its places, in the capture that shows it there."""
-
-    item: int
-    model: Model
-    video: Video
-
-
 def render_scene(spec: PairSpec) -> SceneFrames:
     """Frames and sites of a scene; lenses are up to half as long again as those of the named sets.
 
@@ -130,20 +120,11 @@ def render_scene(spec: PairSpec) -> SceneFrames:
         except RuntimeError:
             seed += 500_000
     zoom = 1 + 0.5 * np.random.default_rng(noise.seed_of(seed, "zoom")).uniform()
-    sites = [
-        _Site(item.id, item.standing(place), video)
-        for item in scene.items
-        if item.kind
-        for video, place in zip(VIDEOS, (item.before, item.after), strict=True)
-        if place
-    ]
-    images, depth, cameras, boxes, pixels = [], [], [], [], []
+    sites = Sites(scene)
+    images, depth, cameras, found = [], [], [], []
     for video in VIDEOS:
-        plan, things = scene.plan(video), scene.things(video)
-        renderer = Renderer(things, plan.lighting)
-        absent = [(ABSENT + k, s.model) for k, s in enumerate(sites) if s.video != video]
-        judge = Tracer([*things, *absent])
-        ids = [s.item if s.video == video else ABSENT + k for k, s in enumerate(sites)]
+        plan = scene.plan(video)
+        renderer = Renderer(scene.things(video), plan.lighting)
         for index, camera in enumerate(plan.cameras):
             zoomed = _zoomed(camera, zoom)
             at = noise.seed_of(seed, video, index)
@@ -151,24 +132,50 @@ def render_scene(spec: PairSpec) -> SceneFrames:
             images.append(plan.sensor.expose(truth.radiance, at))
             depth.append(truth.depth)
             cameras.append(zoomed)
-            as_if = judge.identify(zoomed)
-            found = [
-                _box((truth.instances if s.video == video else as_if) == identity)
-                for s, identity in zip(sites, ids, strict=True)
-            ]
-            boxes.append([box for box, _ in found])
-            pixels.append([count for _, count in found])
-    n, k = len(cameras), len(sites)
+            found.append(sites.boxes(video, zoomed))
     return SceneFrames(
         images=np.stack(images),
         depth=np.stack(depth),
         intrinsics=np.stack([c.intrinsics for c in cameras]),
         cam_from_world=np.stack([c.cam_from_world for c in cameras]),
         video=np.repeat(np.arange(2, dtype=np.int8), spec.frames),
-        present=np.array([VIDEOS.index(s.video) for s in sites], np.int8),
-        boxes=np.array(boxes, np.float32).reshape(n, k, 4).transpose(1, 0, 2),
-        pixels=np.array(pixels, np.int32).reshape(n, k).T,
+        present=sites.present,
+        boxes=np.stack([boxes for boxes, _ in found], 1),
+        pixels=np.stack([pixels for _, pixels in found], 1),
     )
+
+
+class Sites:
+    """Where the changed objects of a scene stand, and what a camera sees or would see of them."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._sites = [
+            (item.id, item.standing(place), video)
+            for item in scene.items
+            if item.kind
+            for video, place in zip(VIDEOS, (item.before, item.after), strict=True)
+            if place
+        ]
+        self.present = np.array([VIDEOS.index(video) for _, _, video in self._sites], np.int8)
+        """The capture in which each object stands there."""
+        self._real, self._as_if = {}, {}
+        for video in VIDEOS:
+            things = scene.things(video)
+            absent = [(ABSENT + k, m) for k, (_, m, at) in enumerate(self._sites) if at != video]
+            self._real[video], self._as_if[video] = Tracer(things), Tracer([*things, *absent])
+
+    def boxes(
+        self, video: Video, camera: Camera
+    ) -> tuple[Float32[np.ndarray, "k 4"], Int32[np.ndarray, "k"]]:
+        """Boxes and counts of the visible pixels of all sites."""
+        real = self._real[video].identify(camera)
+        as_if = self._as_if[video].identify(camera)
+        found = [
+            _box(real == item if at == video else as_if == ABSENT + k)
+            for k, (item, _, at) in enumerate(self._sites)
+        ]
+        boxes = np.array([box for box, _ in found], np.float32).reshape(-1, 4)
+        return boxes, np.array([count for _, count in found], np.int32)
 
 
 def _zoomed(camera: Camera, zoom: float) -> Camera:
