@@ -33,6 +33,8 @@ class Train:
     """Folder for checkpoint, weights and learning curve."""
     model: Dimension = "3d"
     options: TrainConfig = field(default_factory=TrainConfig)
+    until: int | None = None
+    """Stop after so many pairs, to go on later."""
     scenes: int | None = None
     """Use only the first so many scenes."""
     validation_pairs: int = 96
@@ -49,19 +51,28 @@ class Train:
         held_out = judged_pairs(read_shards(self.data / "val"), 4)[: self.validation_pairs]
         trainer = Trainer(self.model, preset, self.options, self.out, chosen_device(self.device))
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-        with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True)) as bars:
+        console, told = Console(stderr=True), len(trainer.curve)
+        with Progress(*columns, TimeElapsedColumn(), console=console) as bars:
             task = bars.add_task("training")
 
             def show(stage: str, done: int, total: int) -> None:
-                at = f"{stage}, AP50 {trainer.curve[-1].ap50:.3f}" if trainer.curve else stage
-                bars.update(task, description=at, completed=done, total=total)
+                nonlocal told
+                bars.update(task, completed=done, total=total)
+                if len(trainer.curve) > told:
+                    told, point = len(trainer.curve), trainer.curve[-1]
+                    console.print(
+                        f"{point.pairs} pairs: loss {point.loss:.3f}, AP50 {point.ap50:.3f}"
+                    )
 
             try:
-                trainer.run(scenes, held_out, show)
+                last = None if self.until is None else self.until // self.options.batch
+                trainer.run(scenes, held_out, show, last)
             except KeyboardInterrupt:
                 trainer.save()
                 raise
-        self.write(trainer, len(scenes))
+        trainer.save()
+        if trainer.step == self.options.steps:
+            self.write(trainer, len(scenes))
         return trainer
 
     def write(self, trainer: Trainer, scenes: int) -> None:

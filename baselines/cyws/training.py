@@ -30,7 +30,8 @@ class TrainConfig:
     """Everything that decides a training beside its scenes."""
 
     pairs: int = 20_000
-    """Shown in all."""
+    """Shown in all. May be another number when a training goes on: the learning rate then jumps
+    to where it stands for that length."""
     batch: int = 16
     rate: float = 1.5e-3
     """Highest learning rate of AdamW: it rises over the first 5 %, then falls as a cosine."""
@@ -70,7 +71,8 @@ class Trainer:
         self, model: Dimension, preset: Preset, config: TrainConfig, out: Path, device: str = "cpu"
     ) -> None:
         self.model, self.config, self.out, self.device = model, config, out, device
-        self.identity = json.dumps([model, asdict(preset), asdict(config)])
+        fixed = {k: v for k, v in asdict(config).items() if k != "pairs"}
+        self.identity = json.dumps([model, asdict(preset), fixed])
         torch.manual_seed(config.seed)
         self.network = preset.build().to(device)
         self.optimiser = torch.optim.AdamW(
