@@ -35,11 +35,19 @@ class _AttentionLayer(nn.Module):
 
 
 class CoAttention(nn.Module):
-    """Every place of a picture looks for itself in the other one, the same way in both."""
+    """Every place of a picture looks for itself in the other one, the same way in both.
 
-    def __init__(self, channels: int, hidden: int) -> None:
+    Parameters
+    ----------
+    subtract : bool
+        Give what differs from the attended features in place of these: the same to a network
+        that has learnt it, and easier to learn.
+    """
+
+    def __init__(self, channels: int, hidden: int, *, subtract: bool = False) -> None:
         super().__init__()
         self.attention_layer = _AttentionLayer(channels, hidden)
+        self.subtract = subtract
 
     def forward(self, features: Float[Tensor, "b 2 c h w"]) -> tuple[Tensor, Tensor]:
         """Own features beside the attended ones (b, 2, 2c, h, w), and logits (b, 2, n, n)."""
@@ -51,7 +59,8 @@ class CoAttention(nn.Module):
         logits = query @ key.reshape(b, 2, -1, h * w).flip(1)
         values = features.reshape(b, 2, c, h * w).transpose(2, 3).flip(1)
         attended = (logits.softmax(-1) @ values).transpose(2, 3).reshape(features.shape)
-        return torch.cat([features, attended], 2), logits
+        beside = features - attended if self.subtract else attended
+        return torch.cat([features, beside], 2), logits
 
 
 class _UNet(nn.Module):
@@ -61,14 +70,17 @@ class _UNet(nn.Module):
 
 
 class Cyws2D(nn.Module):
-    """Co-attention on the three deepest levels, then decode either picture.
+    """Co-attention on the deepest levels, then decode either picture.
 
     Parameters
     ----------
     widths : sequence of int
         Channels of the decoder's blocks: five end at the input's resolution, four at half of it.
-    hidden : three ints
-        Channels in which places are compared, deepest level first.
+    hidden : sequence of int
+        Channels in which places are compared, deepest level first: one for each level with
+        co-attention (three as published).
+    subtract : bool
+        See `CoAttention`.
     """
 
     def __init__(
@@ -78,12 +90,13 @@ class Cyws2D(nn.Module):
         hidden: Sequence[int] = (256, 128, 64),
         *,
         imagenet: bool = False,
+        subtract: bool = False,
     ) -> None:
         super().__init__()
         self.imagenet = imagenet
         deep = encoder.channels[: -len(hidden) - 1 : -1]
         self.coattention_modules = nn.ModuleList(
-            CoAttention(c, d) for c, d in zip(deep, hidden, strict=True)
+            CoAttention(c, d, subtract=subtract) for c, d in zip(deep, hidden, strict=True)
         )
         levels = [*encoder.channels[: -len(hidden)], *(2 * c for c in deep[::-1])]
         self.unet_model = _UNet(encoder, UNetDecoder(levels, widths))

@@ -41,8 +41,9 @@ class Preset:
             case "cyws2d-resnet18":
                 return Cyws2D(ResNet(shallow, w), hidden=(128, 64, 32))
             case "cyws2d-small":
-                widths, hidden = (4 * w, 4 * w, 2 * w, 2 * w), (4 * w, 4 * w, 4 * w)
-                return Cyws2D(ResNet(shallow, w), widths, hidden, imagenet=True)
+                widths, hidden = (4 * w, 4 * w, 2 * w, 2 * w), (4 * w,) * 4
+                encoder = ResNet(shallow, w)
+                return Cyws2D(encoder, widths, hidden, imagenet=True, subtract=True)
             case "cyws3d-dino":
                 return Cyws3DDino(bias=bias)
             case "cyws3d-small":

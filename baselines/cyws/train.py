@@ -13,13 +13,14 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from baselines.cyws.curve import draw_curve
+from baselines.cyws.networks import Cyws3D
 from baselines.cyws.pairs import judged_pairs
 from baselines.cyws.presets import PRESETS, Dimension
 from baselines.cyws.scenes import read_shards
 from baselines.cyws.training import TrainConfig, Trainer
-from baselines.cyws.weights import write_weights
+from baselines.cyws.weights import load_network, write_weights
 from scenediff_classic.devices import Device, chosen_device
-from scenediff_classic.errors import SceneDiffError
+from scenediff_classic.errors import InputError, SceneDiffError
 from scenediff_classic.workspace import replacing, write_atomic
 
 
@@ -33,6 +34,8 @@ class Train:
     """Folder for checkpoint, weights and learning curve."""
     model: Dimension = "3d"
     options: TrainConfig = field(default_factory=TrainConfig)
+    start: Path | None = None
+    """Weights of a 3D network that a 2D network of the same width starts from."""
     until: int | None = None
     """Stop after so many pairs, to go on later."""
     scenes: int | None = None
@@ -49,7 +52,9 @@ class Train:
         preset = PRESETS["cyws2d-small" if self.model == "2d" else "cyws3d-small"]
         scenes = read_shards(self.data / "train", self.scenes)
         held_out = judged_pairs(read_shards(self.data / "val"), 4)[: self.validation_pairs]
-        trainer = Trainer(self.model, preset, self.options, self.out, chosen_device(self.device))
+        trainer = Trainer(
+            self.model, preset, self.options, self.out, chosen_device(self.device), self._learnt()
+        )
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
         console, told = Console(stderr=True), len(trainer.curve)
         with Progress(*columns, TimeElapsedColumn(), console=console) as bars:
@@ -74,6 +79,14 @@ class Train:
         if trainer.step == self.options.steps:
             self.write(trainer, len(scenes))
         return trainer
+
+    def _learnt(self) -> Cyws3D | None:
+        if self.start is None:
+            return None
+        network, _ = load_network(self.start)
+        if self.model != "2d" or not isinstance(network, Cyws3D):
+            raise InputError("--start takes weights of the small 3D network, for --model 2d.")
+        return network
 
     def write(self, trainer: Trainer, scenes: int) -> None:
         """Weights in half precision, and the curve."""

@@ -15,11 +15,12 @@ from baselines.cyws.average_precision import average_precision, hits
 from baselines.cyws.boxes import decode
 from baselines.cyws.curve import CurvePoint
 from baselines.cyws.cut_paste import cut_paste_pair
-from baselines.cyws.networks import Cyws2D
+from baselines.cyws.networks import Cyws2D, Cyws3D
 from baselines.cyws.pairs import TwoViews, augmented, batched, drawn_pair, in_batches
 from baselines.cyws.presets import Dimension, Preset
 from baselines.cyws.scenes import SceneFrames
 from baselines.cyws.targets import encode, loss
+from baselines.cyws.transfer import start_from_3d
 from scenediff_classic.errors import InputError
 from scenediff_classic.protocols import Progress, silent
 from scenediff_classic.workspace import replacing
@@ -60,6 +61,8 @@ class Trainer:
     ----------
     out : Path
         Folder for the checkpoint; a training stopped there with the same options goes on.
+    learnt : Cyws3D, optional
+        What a 2D network starts from (see `transfer`).
 
     Raises
     ------
@@ -68,13 +71,21 @@ class Trainer:
     """
 
     def __init__(
-        self, model: Dimension, preset: Preset, config: TrainConfig, out: Path, device: str = "cpu"
+        self,
+        model: Dimension,
+        preset: Preset,
+        config: TrainConfig,
+        out: Path,
+        device: str = "cpu",
+        learnt: Cyws3D | None = None,
     ) -> None:
         self.model, self.config, self.out, self.device = model, config, out, device
         fixed = {k: v for k, v in asdict(config).items() if k != "pairs"}
         self.identity = json.dumps([model, asdict(preset), fixed])
         torch.manual_seed(config.seed)
         self.network = preset.build().to(device)
+        if learnt is not None and isinstance(self.network, Cyws2D):
+            start_from_3d(self.network, learnt.to(device))
         self.optimiser = torch.optim.AdamW(
             self.network.parameters(), config.rate, weight_decay=config.decay
         )
