@@ -186,10 +186,11 @@ def test_rendered_pairs_have_the_same_truth(tmp_path: Path) -> None:
     assert found.images.shape == (4, 64, 96, 3)
     assert sorted(found.present) == [0, 0, 1]
     stored = np.load(tmp_path / "x" / "truth_instances.npz")
-    moved = int(stored["id"][stored["kind"] == "moved"][0])
-    old = [k for k in np.flatnonzero(found.present == 0)
-           if found.pixels[k, 0] == (stored["instances"][0] == moved).sum()]  # fmt: skip
-    assert old
+    (moved,) = stored["id"][stored["kind"] == "moved"]
+    (removed,) = stored["id"][stored["kind"] == "removed"]
+    counts = [[int((m == i).sum()) for m in stored["instances"]] for i in (moved, removed)]
+    there = {tuple(found.pixels[k, found.video == v]) for k, v in enumerate(found.present)}
+    assert there == {tuple(counts[0][:2]), tuple(counts[0][2:]), tuple(counts[1][:2])}
     half = resized(found, 32, 48)
     np.testing.assert_allclose(half.boxes, found.boxes / 2)
     np.testing.assert_allclose(half.intrinsics[:, :2], found.intrinsics[:, :2] / 2)
