@@ -146,7 +146,8 @@ def view_boxes(
     size = preset.height, preset.width
     found: list[list[Boxes]] = [[] for _ in geometry.views]
     for done, pair in enumerate(pairs):
-        batch = batched([_two_views(*(geometry.views[k] for k in pair), *size)])
+        first, second = (geometry.views[k] for k in pair)
+        batch = batched([_two_views(first, second, preset.height, preset.width)])
         with torch.inference_mode():
             maps = network(batch.images.to(device), batch.registration.to(device))
         for k, boxes in zip(pair, decode(maps, *size), strict=True):

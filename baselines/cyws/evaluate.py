@@ -124,7 +124,7 @@ def judge(network: torch.nn.Module, pairs: Sequence[TwoViews], batch: int = 8) -
 
     def ap(boxes: Sequence[tuple[Boxes, Boxes]], chosen: np.ndarray) -> float:
         score, right, total = [], [], 0
-        for k in np.flatnonzero(chosen):
+        for k in np.flatnonzero(chosen).tolist():
             for side in (0, 1):
                 truth = pairs[k].boxes[:, side]
                 score.append(boxes[k][side].score)

@@ -64,7 +64,7 @@ class CoAttention(nn.Module):
 
 
 class _UNet(nn.Module):
-    def __init__(self, encoder: nn.Module, decoder: nn.Module) -> None:
+    def __init__(self, encoder: ResNet, decoder: UNetDecoder) -> None:
         super().__init__()
         self.encoder, self.decoder = encoder, decoder
 

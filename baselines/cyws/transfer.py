@@ -26,16 +26,15 @@ def start_from_3d(network: Cyws2D, learnt: Cyws3D) -> None:
     network.centernet_head.load_state_dict(learnt.centernet_head.state_dict())
     channels = other.channels[::-1]
     attending = len(network.coattention_modules)
-    own_blocks, blocks = network.unet_model.decoder.blocks, learnt.decoder.blocks
-    for k, (own, block) in enumerate(zip(own_blocks, blocks, strict=True)):
-        own.conv2.load_state_dict(block.conv2.state_dict())
-        own.attention2.load_state_dict(block.attention2.state_dict())
-        own.conv1[1].load_state_dict(block.conv1[1].state_dict())
-        weight, source = own.conv1[0].weight, block.conv1[0].weight
+    blocks = learnt.decoder.blocks
+    for k, (own, block) in enumerate(zip(network.unet_model.decoder.blocks, blocks, strict=True)):
+        for part in ("conv2", "attention2", "conv1.1"):
+            own.get_submodule(part).load_state_dict(block.get_submodule(part).state_dict())
+        weight, source = (b.get_parameter("conv1.0.weight") for b in (own, block))
         weight.zero_()
         # what comes from below, then what is skipped to; of pairs (own, difference) the latter
-        deep = channels[0] if k == 0 else blocks[k - 1].conv2[0].out_channels
         shift = channels[0] if k == 0 else 0
+        deep = channels[0] if k == 0 else len(blocks[k - 1].get_parameter("conv2.0.weight"))
         weight[:, shift : shift + deep] = source[:, :deep]
         at = deep + shift
         if k + 1 < attending:
