@@ -1,0 +1,84 @@
+"""Weights are loaded whole or not at all, and never by running code."""
+
+import pickle
+from pathlib import Path
+
+import pytest
+import torch
+from safetensors.torch import save_file
+
+from baselines.cyws.networks import Cyws3D
+from baselines.cyws.resnet import ResNet
+from baselines.cyws.weights import fill, load_network, preset_of, read_state, write_weights
+from scenediff_classic.errors import InputError
+
+
+def _network() -> Cyws3D:
+    torch.manual_seed(0)
+    return Cyws3D(ResNet((2, 2, 2, 2), 4), (16, 16, 8, 8))
+
+
+def test_written_and_read_back(tmp_path: Path) -> None:
+    network = _network().eval()
+    write_weights(network, tmp_path / "w.safetensors")
+    again, preset = load_network(tmp_path / "w.safetensors")
+    assert (preset.architecture, preset.channels) == ("cyws3d-small", 4)
+    assert not again.training
+    pictures = torch.rand(1, 2, 3, 64, 64)
+    with torch.inference_mode():
+        first, second = network(pictures).heat, again(pictures).heat
+    torch.testing.assert_close(first, second, rtol=0.05, atol=0.02)  # half precision
+
+
+@pytest.mark.parametrize("nested", [False, True])
+def test_plain_checkpoints_are_read(tmp_path: Path, nested: bool) -> None:
+    state = _network().state_dict()
+    torch.save({"state_dict": state, "epoch": 3} if nested else state, tmp_path / "c.ckpt")
+    found = read_state(tmp_path / "c.ckpt")
+    assert found.keys() == state.keys()
+    fill(_network(), found, "it")
+
+
+def test_all_that_does_not_fit_is_listed() -> None:
+    network, state = _network(), _network().state_dict()
+    before = {k: v.clone() for k, v in network.state_dict().items()}
+    for name in [n for n in state if n.startswith("decoder.blocks.0.conv")]:
+        del state[name]
+    state["something.else"] = torch.zeros(2)
+    state["encoder.bn1.weight"] = torch.zeros(7)
+    with pytest.raises(InputError) as caught:
+        fill(network, state, "weights.ckpt")
+    message = str(caught.value)
+    assert "weights.ckpt does not fit the network. 10 missing: decoder.blocks.0.conv1." in message
+    assert ", ...; 1 unexpected: something.else" in message
+    assert "1 of another shape: encoder.bn1.weight (7,) for (4,)" in message
+    assert all(torch.equal(v, before[k]) for k, v in network.state_dict().items())
+
+
+def test_code_is_not_run(tmp_path: Path) -> None:
+    class Harm:
+        def __reduce__(self) -> tuple[object, tuple[str]]:
+            return Path.touch, (Path(tmp_path / "harm"),)  # type: ignore[return-value]
+
+    (tmp_path / "bad.ckpt").write_bytes(pickle.dumps({"state_dict": Harm()}))
+    torch.save({"state_dict": Harm()}, tmp_path / "worse.ckpt")
+    for name in ("bad.ckpt", "worse.ckpt"):
+        with pytest.raises(InputError, match="no plain checkpoint"):
+            read_state(tmp_path / name)
+    assert not (tmp_path / "harm").exists()
+
+
+def test_files_that_are_none(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be read"):
+        read_state(tmp_path / "absent.safetensors")
+    (tmp_path / "cut.safetensors").write_bytes(b"12345678")
+    with pytest.raises(InputError, match="cannot be read"):
+        read_state(tmp_path / "cut.safetensors")
+    torch.save([1, 2], tmp_path / "list.pt")
+    with pytest.raises(InputError, match="no state dict"):
+        read_state(tmp_path / "list.pt")
+    save_file({"a": torch.zeros(1)}, tmp_path / "other.safetensors")
+    with pytest.raises(InputError, match="no CYWS network"):
+        load_network(tmp_path / "other.safetensors")
+    with pytest.raises(InputError, match="no CYWS network"):
+        preset_of({}, "it")
