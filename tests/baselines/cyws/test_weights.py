@@ -8,8 +8,16 @@ import torch
 from safetensors.torch import save_file
 
 from baselines.cyws.networks import Cyws3D
+from baselines.cyws.presets import Dimension
 from baselines.cyws.resnet import ResNet
-from baselines.cyws.weights import fill, load_network, preset_of, read_state, write_weights
+from baselines.cyws.weights import (
+    SHIPPED,
+    fill,
+    load_network,
+    preset_of,
+    read_state,
+    write_weights,
+)
 from scenediff_classic.errors import InputError
 
 
@@ -82,3 +90,13 @@ def test_files_that_are_none(tmp_path: Path) -> None:
         load_network(tmp_path / "other.safetensors")
     with pytest.raises(InputError, match="no CYWS network"):
         preset_of({}, "it")
+
+
+@pytest.mark.parametrize("model", ["2d", "3d"])
+def test_shipped_weights_are_small_and_load(model: Dimension) -> None:
+    assert SHIPPED[model].stat().st_size < 4_000_000
+    network, preset = load_network(SHIPPED[model])
+    assert preset.architecture == f"cyws{model}-small"
+    with torch.inference_mode():
+        maps = network(torch.rand(1, 2, 3, preset.height, preset.width))
+    assert torch.isfinite(maps.heat).all()
