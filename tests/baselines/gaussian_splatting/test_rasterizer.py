@@ -1,7 +1,6 @@
 import dataclasses
 from collections.abc import Callable
 
-import numba
 import numpy as np
 import pytest
 import torch
@@ -78,7 +77,7 @@ def test_result_does_not_depend_on_the_number_of_threads(monkeypatch: pytest.Mon
     gaussians = cloud(9000, torch.float32, log_scale=-3)
     results = []
     for count in (1, 3):
-        monkeypatch.setattr(numba.config, "NUMBA_NUM_THREADS", count)
+        monkeypatch.setenv("NUMBA_NUM_THREADS", str(count))
         pictures, grads = drawn(render, gaussians, 1, 1)
         results.append([*pictures, *grads.values()])
     for a, b in zip(*results, strict=True):
