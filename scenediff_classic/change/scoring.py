@@ -37,6 +37,10 @@ class ScoringConfig:
     shift_cells: int = 1
     """A feature may match within this many grid cells of its reprojection: registration is not
     perfect, and a silhouette off by a pixel is no change. 0 = the paper's exact comparison."""
+    measured_share: float = 1.0
+    """Share of a region's visible pixels that must be measured for its E_geom to count in full; it
+    is the mean over these pixels, and counts less in proportion where fewer are measured. Lower
+    values find more where depth is patchy, and report more wrong depth as a change."""
     min_visible: float = 0.3
     """Regions with a smaller visible part have no score (0 after smoothing, as in the paper)."""
     voxel: float = 1 / 200
@@ -255,8 +259,11 @@ class _Accumulator:
         Returns the score of every region in this comparison; NaN = not visible.
         """
         gap = np.where(seen.visible, np.clip(seen.gap, None, config.geometry_cap), np.nan)
-        gap = np.where(seen.measured | ~seen.visible, gap, 0)  # a guessed depth proves nothing
-        e_geom, visible = region_means(gap, self.regions)
+        _, visible = region_means(gap, self.regions)
+        # a guessed depth proves nothing
+        e_geom, told = region_means(np.where(seen.measured, gap, np.nan), self.regions)
+        full = np.maximum(config.measured_share * visible, 1e-6)
+        e_geom = np.nan_to_num(e_geom) * np.minimum(told / full, 1)
         e_feat, _ = region_means(np.where(seen.visible, distance, np.nan), self.regions)
         e_region = np.full(self.regions.count, np.nan)
         if len(other):

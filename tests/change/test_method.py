@@ -142,6 +142,25 @@ def test_guessed_depth_is_no_evidence(changed):
         assert np.nanmax(np.abs(maps.geometry)) == 0
 
 
+def test_a_measured_half_can_stand_for_the_whole(changed):
+    def halved(view):
+        stripes = np.arange(view.shape[1]) // 4 % 2 == 0
+        return replace(view, measured=view.measured & stripes)
+
+    views = tuple(halved(v) for v in changed.views)
+    strict, lenient, full = (
+        detect(geometry, scoring=ScoringConfig(measured_share=share))[1]
+        for geometry, share in (
+            (replace(changed, views=views), 1.0),
+            (replace(changed, views=views), 0.2),
+            (changed, 1.0),
+        )
+    )
+    peaks = [max(np.nanmax(m.geometry) for m in e.scores) for e in (strict, lenient, full)]
+    assert peaks[0] < 0.7 * peaks[2]
+    assert peaks[1] == pytest.approx(peaks[2], rel=0.2)
+
+
 def test_no_depth_at_all_is_one_clear_sentence(changed):
     blind = tuple(replace(v, measured=np.zeros(v.shape, bool)) for v in changed.views)
     with pytest.raises(AlignmentError, match="No depth could be measured"):
