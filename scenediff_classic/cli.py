@@ -18,6 +18,7 @@ from rich.progress import Progress as Bars
 
 from scenediff_classic.change.changed_regions import ObjectConfig
 from scenediff_classic.change.moves import MoveConfig
+from scenediff_classic.change.outlines import OutlineConfig
 from scenediff_classic.change.scoring import ScoringConfig
 from scenediff_classic.change.threshold import ThresholdConfig
 from scenediff_classic.dataset.export import ExportFormat, export
@@ -93,13 +94,15 @@ class Detect:
     scoring: ScoringConfig = field(default_factory=ScoringConfig)
     threshold: ThresholdConfig = field(default_factory=ThresholdConfig)
     objects: ObjectConfig = field(default_factory=ObjectConfig)
+    outlines: OutlineConfig = field(default_factory=OutlineConfig)
     moves: MoveConfig = field(default_factory=MoveConfig)
 
     def __call__(self) -> None:
         """Run the detection and say what was found."""
         base = DetectConfig(
-            scoring=self.scoring, threshold=self.threshold, objects=self.objects, moves=self.moves
-        )
+            scoring=self.scoring, threshold=self.threshold, objects=self.objects,
+            outlines=self.outlines, moves=self.moves,
+        )  # fmt: skip
         config = configured(
             self.preset, long_side=self.long_side, seed=self.seed, geometry=self.geometry,
             device=self.device, stereo=self.stereo, features=self.features, regions=self.regions,

@@ -2,17 +2,18 @@
 
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from scenediff_classic.change.changed_regions import ObjectConfig, changed_regions
 from scenediff_classic.change.describe import ConfidenceConfig, describe
-from scenediff_classic.change.moves import MoveConfig, pair_moves
+from scenediff_classic.change.moves import Change, MoveConfig, pair_moves
 from scenediff_classic.change.objects import group_objects
+from scenediff_classic.change.outlines import OutlineConfig, redrawn
 from scenediff_classic.change.scale import normalised, rescaled
-from scenediff_classic.change.scoring import ScoringConfig, score_changes
+from scenediff_classic.change.scoring import Scores, ScoringConfig, score_changes
 from scenediff_classic.change.threshold import ThresholdConfig, change_threshold
 from scenediff_classic.errors import AlignmentError
 from scenediff_classic.features.named import FEATURES
@@ -31,6 +32,7 @@ from scenediff_classic.types import (
     Evidence,
     FrameInfo,
     Geometry,
+    Regions,
     VideoInfo,
 )
 
@@ -45,6 +47,7 @@ class DetectConfig:
     scoring: ScoringConfig = field(default_factory=ScoringConfig)
     threshold: ThresholdConfig = field(default_factory=ThresholdConfig)
     objects: ObjectConfig = field(default_factory=ObjectConfig)
+    outlines: OutlineConfig = field(default_factory=OutlineConfig)
     moves: MoveConfig = field(default_factory=MoveConfig)
     confidence: ConfidenceConfig = field(default_factory=ConfidenceConfig)
 
@@ -94,14 +97,52 @@ def detect_changes(
             geometry, regions, config.features, config.scoring, progress, workspace
         )
     with clock.stage("objects"):
-        threshold = change_threshold(scores.maps, config.threshold)
-        changed = changed_regions(geometry, regions, scores, threshold, config.objects)
-        objects = group_objects(
-            geometry, regions, changed, threshold, config.features.merge, config.objects
-        )
-        changes = pair_moves(objects, config.features.similarity, config.moves)
-        described = describe(changes, geometry, threshold, config.confidence)
-    result = ChangeResult(
+        result = decided(before, after, geometry, regions, scores, config)
+    # never back from the unit's world: that would leave rounding noise in every camera
+    world = estimated if estimated.unit == 1 else rescaled(estimated, 1 / estimated.unit)
+    return result, Evidence(world, scores.maps, scores.pairs, clock.seconds)
+
+
+def decided(
+    before: Capture,
+    after: Capture,
+    geometry: Geometry,
+    regions: Sequence[Regions],
+    scores: Scores,
+    config: DetectConfig,
+) -> ChangeResult:
+    """From scores to changed objects: the quick half of the method.
+
+    Parameters
+    ----------
+    geometry : Geometry
+        In normalised units (`change.scale.normalised`), with views of both captures.
+    regions : sequence of Regions
+        One per view.
+    scores : Scores
+        From `change.scoring.score_changes`.
+    """
+    threshold = change_threshold(scores.maps, config.threshold)
+    changed = changed_regions(geometry, regions, scores, threshold, config.objects)
+    objects = group_objects(
+        geometry, regions, changed, threshold, config.features.merge, config.objects
+    )
+    objects = redrawn(objects, geometry, config.outlines)
+    changes = pair_moves(objects, config.features.similarity, config.moves)
+    return answer(before, after, geometry, changes, threshold, config.confidence)
+
+
+def answer(
+    before: Capture,
+    after: Capture,
+    geometry: Geometry,
+    changes: Sequence[Change],
+    threshold: float,
+    confidence: ConfidenceConfig,
+) -> ChangeResult:
+    """The changes as the result says them; `geometry` is in normalised units."""
+    described = describe(changes, geometry, threshold, confidence)
+    return ChangeResult(
         before=_info(before, geometry),
         after=_info(after, geometry),
         objects=described,
@@ -110,9 +151,6 @@ def detect_changes(
         warnings=(*before.warnings, *after.warnings, *geometry.warnings),
         bridge=geometry.bridge,
     )
-    # never back from the unit's world: that would leave rounding noise in every camera
-    world = estimated if estimated.unit == 1 else rescaled(estimated, 1 / estimated.unit)
-    return result, Evidence(world, scores.maps, scores.pairs, clock.seconds)
 
 
 def _require_both(geometry: Geometry) -> None:

@@ -35,7 +35,7 @@ MIN_LONG_SIDE = 64
 
 _SOURCES: dict[Preset, int] = {"fast": 4, "balanced": 6, "accurate": 8}
 
-_DIVISORS = {"scoring.voxel", "threshold.bins", "objects.max_points"}
+_DIVISORS = {"scoring.voxel", "threshold.bins", "objects.max_points", "outlines.most"}
 
 
 def configured(

@@ -1,7 +1,4 @@
-"""Reader of the ObChange room recordings: robot RGB-D views of a room at several visits.
-
-Folder layout: ``annotations.json`` with one record an image (room, visit, view, colour and depth
-file, 4x4 ``cam_to_map`` in metres, hand-drawn boxes of all movable objects), and the pictures.
+"""Pairs of visits of the ObChange rooms, with known geometry and what changed between them.
 
 ``python -m data_tools.benchmarks.obchange ROOT ROOM FIRST SECOND -o OUT`` writes two visits as
 ``before/``, ``after/``, ``geometry.npz`` (a *known* geometry) and ``boxes.json``.
@@ -11,50 +8,30 @@ import json
 import shutil
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-import cv2
 import numpy as np
 import tyro
-from jaxtyping import Float32, Float64, UInt8
+from jaxtyping import Float64
 from PIL import Image
 
+from data_tools.benchmarks.obchange_visits import (
+    INTRINSICS,
+    Box,
+    RobotView,
+    picture_name,
+    read_colour,
+    read_depth,
+    read_visit,
+)
 from scenediff_classic.cameras import world_from_cam
 from scenediff_classic.errors import InputError, OutputError, SceneDiffError
-from scenediff_classic.types import VIDEOS, Capture, Frame, Kind, Video
+from scenediff_classic.types import VIDEOS, Kind, Video
 
-FOCAL_PX = 554.0
-INTRINSICS = np.array([[FOCAL_PX, 0, 320.0], [0, FOCAL_PX, 240.0], [0, 0, 1]])
-"""Of all pictures (640 x 480); found by fitting plane heights, good to a few percent."""
-METRES_PER_LEVEL = 10 / 255
-"""Depth pictures have 8 bits: level v means (v + 0.5) of these, and 0 means no reading."""
 MOVED_BY = 0.12
 """Metres: objects that stayed seem to shift by up to 0.09 (localisation, coarse depth, boxes)."""
-
-Box = tuple[float, float, float, float]
-"""x0, y0, x1, y1 in pixels."""
-
-
-@dataclass(frozen=True)
-class LabelledBox:
-    """A movable object in one picture."""
-
-    name: str
-    box: Box
-
-
-@dataclass(frozen=True, eq=False)
-class RobotView:
-    """One picture of a visit."""
-
-    view: int
-    colour_path: Path
-    depth_path: Path
-    cam_from_world: Float64[np.ndarray, "4 4"]
-    """From the robot's localisation: several centimetres off between visits."""
-    objects: tuple[LabelledBox, ...]
 
 
 @dataclass(frozen=True)
@@ -67,69 +44,6 @@ class ChangedBox:
     frame: int
     """Position among the visit's views."""
     box: Box
-
-
-def read_visit(root: Path, room: str, visit: int) -> tuple[RobotView, ...]:
-    """The views of one visit, by view number.
-
-    Parameters
-    ----------
-    room : str
-        As in the annotations: ``Kitchen`` or ``SmallRoom``.
-    visit : int
-        From 1.
-
-    Raises
-    ------
-    InputError
-        The annotations are missing or damaged, or have no such visit.
-    """
-    path = root / "annotations.json"
-    try:
-        records = json.loads(path.read_text(encoding="utf-8"))["images"]
-        views = [_view(root, r) for r in records if (r["room"], r["visit"]) == (room, visit)]
-        known = sorted({(str(r["room"]), int(r["visit"])) for r in records})
-    except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror}).") from error
-    except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path} is not an annotation of ObChange recordings.") from error
-    if not views:
-        there = ", ".join(f"{name} {number}" for name, number in known) or "none"
-        raise InputError(f"{path} has no visit {room} {visit}; it has: {there}.")
-    return tuple(sorted(views, key=lambda v: v.view))
-
-
-def read_colour(view: RobotView) -> UInt8[np.ndarray, "h w 3"]:
-    """The picture in RGB; the files carry an alpha channel without meaning."""
-    try:
-        with Image.open(view.colour_path) as picture:
-            return np.asarray(picture.convert("RGB"))
-    except (OSError, SyntaxError) as error:
-        raise InputError(f"{view.colour_path} cannot be read as a picture.") from error
-
-
-def read_depth(view: RobotView) -> Float32[np.ndarray, "h w"]:
-    """z-depth in metres, registered to colour; NaN where there is no reading."""
-    levels = cv2.imread(str(view.depth_path), cv2.IMREAD_UNCHANGED)
-    if levels is None or levels.ndim != 2 or levels.dtype != np.uint8:
-        raise InputError(f"{view.depth_path} cannot be read as an 8-bit depth picture.")
-    depth = (levels.astype(np.float32) + np.float32(0.5)) * np.float32(METRES_PER_LEVEL)
-    return np.where(levels > 0, depth, np.float32(np.nan))
-
-
-def read_capture(views: Sequence[RobotView], video: Video) -> Capture:
-    """The colour pictures of a visit as one capture."""
-    frames = []
-    for index, view in enumerate(views):
-        image = read_colour(view)
-        height, width = image.shape[:2]
-        frames.append(Frame(video, index, picture_name(view), None, image, width, height, FOCAL_PX))
-    return Capture(video, str(views[0].colour_path.parent), tuple(frames))
-
-
-def picture_name(view: RobotView) -> str:
-    """Name of a view's picture in what `write_visits` writes."""
-    return f"view_{view.view:02d}.png"
 
 
 def changed_boxes(
@@ -182,17 +96,27 @@ def write_known_geometry(
     )
 
 
-def write_visits(root: Path, room: str, first: int, second: int, out: Path) -> None:
+def write_visits(
+    root: Path, room: str, first: int, second: int, out: Path, chosen: Sequence[int] = ()
+) -> None:
     """Write two visits as folders of pictures, known geometry and boxes of what changed.
+
+    Parameters
+    ----------
+    chosen : sequence of int
+        Numbers of the views to use; all of them if left out.
 
     Raises
     ------
     InputError
-        The recordings cannot be read.
+        The recordings cannot be read, or lack a chosen view.
     OutputError
         `out` exists and is not empty, or cannot be written.
     """
-    before, after = read_visit(root, room, first), read_visit(root, room, second)
+    visits = read_visit(root, room, first), read_visit(root, room, second)
+    before, after = (
+        _chosen(v, chosen, room, n) for v, n in zip(visits, (first, second), strict=True)
+    )
     unfinished = out.with_name(f".{out.name}.part")
     try:
         if out.exists() and any(out.iterdir()):
@@ -204,7 +128,13 @@ def write_visits(root: Path, room: str, first: int, second: int, out: Path) -> N
                 picture = Image.fromarray(read_colour(view))
                 picture.save(unfinished / video / picture_name(view))
         write_known_geometry(before, after, unfinished / "geometry.npz")
-        boxes = [asdict(item) for item in changed_boxes(before, after)]
+        # told by all views: one alone may see too little of a thing to place it
+        changed = changed_boxes(*visits)
+        kept = [
+            *_among(changed, "before", visits[0], before),
+            *_among(changed, "after", visits[1], after),
+        ]
+        boxes = [asdict(item) for item in kept]
         text = json.dumps({"boxes": boxes}, indent=1) + "\n"
         (unfinished / "boxes.json").write_text(text, encoding="utf-8")
         unfinished.rename(out)
@@ -214,23 +144,26 @@ def write_visits(root: Path, room: str, first: int, second: int, out: Path) -> N
         shutil.rmtree(unfinished, ignore_errors=True)
 
 
-def _view(root: Path, record: dict[str, Any]) -> RobotView:
-    pose = np.asarray(record["cam_to_map"], np.float64)
-    if pose.shape != (4, 4):
-        raise ValueError("a pose must be 4x4")
-    objects = tuple(LabelledBox(str(o["name"]), _box(o["bbox_xyxy"])) for o in record["objects"])
-    return RobotView(
-        int(record["view"]),
-        root / str(record["rgb"]),
-        root / str(record["depth"]),
-        world_from_cam(pose),
-        objects,
-    )
+def _chosen(
+    views: Sequence[RobotView], numbers: Sequence[int], room: str, visit: int
+) -> tuple[RobotView, ...]:
+    missing = set(numbers) - {view.view for view in views}
+    if missing:
+        raise InputError(f"{room} {visit} has no view {', '.join(map(str, sorted(missing)))}.")
+    return tuple(view for view in views if not numbers or view.view in numbers)
 
 
-def _box(values: Sequence[float]) -> Box:
-    x0, y0, x1, y1 = (float(v) for v in values)
-    return x0, y0, x1, y1
+def _among(
+    changed: Sequence[ChangedBox],
+    video: Video,
+    views: Sequence[RobotView],
+    used: Sequence[RobotView],
+) -> Iterator[ChangedBox]:
+    """The boxes of a visit that lie in the views used, with frames counted among these."""
+    position = {view.view: number for number, view in enumerate(used)}
+    for item in changed:
+        if item.video == video and views[item.frame].view in position:
+            yield replace(item, frame=position[views[item.frame].view])
 
 
 def _places(views: Sequence[RobotView]) -> dict[str, Float64[np.ndarray, "3"]]:
@@ -275,13 +208,17 @@ class Options:
     """Visit that becomes `after`."""
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """New folder for the pair."""
+    views: tuple[int, ...] = ()
+    """Numbers of the views to use; all of them if left out."""
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Write what the arguments ask for; returns the exit code."""
     options = tyro.cli(Options, args=arguments, prog="python -m data_tools.benchmarks.obchange")
     try:
-        write_visits(options.root, options.room, options.first, options.second, options.out)
+        write_visits(
+            options.root, options.room, options.first, options.second, options.out, options.views
+        )
     except SceneDiffError as error:
         print(error, file=sys.stderr)
         return 2

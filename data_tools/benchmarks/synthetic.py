@@ -16,8 +16,10 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
+from data_tools.benchmarks.row_tables import metrics_table, numbers, percent
+from data_tools.benchmarks.rows import rendered_pairs
 from scenediff_classic.detection_run import CaptureOptions, run_detection
-from scenediff_classic.errors import InputError, SceneDiffError
+from scenediff_classic.errors import SceneDiffError
 from scenediff_classic.evaluation.benchmark import EvaluationResult, evaluate
 from scenediff_classic.evaluation.calibration import reliability
 from scenediff_classic.evaluation.tables import pair_table
@@ -48,9 +50,7 @@ class SyntheticBenchmark:
 
     def __call__(self) -> dict[GeometrySource, EvaluationResult]:
         """Detect, evaluate in strict mode, print, and write ``metrics.json``."""
-        folders = sorted(p.parent for p in self.pairs.glob("*/segments.json"))
-        if not folders:
-            raise InputError(f"{self.pairs} holds no rendered pairs: make some first.")
+        folders = rendered_pairs(self.pairs)
         console = Console()
         results = {}
         for source in self.geometry:
@@ -66,7 +66,7 @@ class SyntheticBenchmark:
             console.print(_by_hard_case(results[source], folders))
             console.print(_reliability(source, results[source]))
         console.print(_side_by_side(results))
-        content = {s: _numbers(r) for s, r in results.items()}
+        content = {s: numbers(r.metrics) for s, r in results.items()}
         write_atomic(self.out / "metrics.json", json.dumps(content, indent=2) + "\n")
         return results
 
@@ -87,16 +87,6 @@ class SyntheticBenchmark:
         )
 
 
-def _numbers(result: EvaluationResult) -> dict[str, float | None]:
-    m = result.metrics
-    return {
-        "px_im_iou": m.px_im_iou,
-        "obj_im_ap": m.obj_im_ap,
-        "obj_sc_ap": m.obj_sc_ap,
-        "obj_sc_ap_typed": m.obj_sc_ap_typed,
-    }
-
-
 def _by_hard_case(result: EvaluationResult, folders: Sequence[Path]) -> Table:
     """The pairs again, with what makes each of them hard."""
     table = Table(title="Hard cases (percent)")
@@ -107,9 +97,9 @@ def _by_hard_case(result: EvaluationResult, folders: Sequence[Path]) -> Table:
         metadata = json.loads((folder / "metadata.json").read_text(encoding="utf-8"))
         case, m = ", ".join(metadata.get("hard", [])) or "none", rows.get(folder.name)
         if m is not None:
-            numbers = (m.px_im_iou, m.obj_im_ap, m.obj_sc_ap)
+            figures = (m.px_im_iou, m.obj_im_ap, m.obj_sc_ap)
             table.add_row(
-                case, folder.name, *("-" if v is None else f"{100 * v:.1f}" for v in numbers),
+                case, folder.name, *(percent(v) for v in figures),
                 f"{m.found_objects} of {m.true_objects}",
                 str(m.reported_objects - m.found_objects),
             )  # fmt: skip
@@ -123,13 +113,9 @@ def _reliability(source: GeometrySource, result: EvaluationResult) -> str:
 
 
 def _side_by_side(results: dict[GeometrySource, EvaluationResult]) -> Table:
-    table = Table(title="Metrics by geometry (percent, strict mode)")
-    table.add_column("geometry")
-    for name in ("px/im IoU", "obj/im AP", "obj/sc AP", "type-aware"):
-        table.add_column(name, justify="right")
+    table = metrics_table("Metrics by geometry (percent, strict mode)", "geometry")
     for source, result in results.items():
-        values = _numbers(result).values()
-        table.add_row(source, *("-" if v is None else f"{100 * v:.1f}" for v in values))
+        table.add_row(source, *(percent(v) for v in numbers(result.metrics).values()))
     return table
 
 

@@ -57,10 +57,23 @@ def group_objects(
         groups = _joined(groups, geometry, proposals, config)
         weak = [r for r in seen if r.score <= threshold]
         groups = _with_weak_parts(groups, weak, geometry, proposals, config)
-        groups = [_visible(g, geometry, config) for g in groups]
-        for group in groups:
-            if group and _is_convincing(group, geometry, threshold, config):
-                objects.append(SceneObject(video, tuple(_thinned(group, config))))
+        objects += established(groups, geometry, threshold, config)
+    return objects
+
+
+def established(
+    groups: Sequence[Sequence[ChangedRegion]],
+    geometry: Geometry,
+    threshold: float,
+    config: ObjectConfig,
+) -> list[SceneObject]:
+    """The groups, each of one capture, that enough views show and clearly enough: as objects."""
+    objects = []
+    for group in groups:
+        shown = _visible(group, geometry, config)
+        if shown and _is_convincing(shown, geometry, threshold, config):
+            video = geometry.views[shown[0].view].video
+            objects.append(SceneObject(video, tuple(_thinned(shown, config))))
     return objects
 
 
@@ -155,7 +168,7 @@ def _borders(
 
 
 def _visible(
-    group: list[ChangedRegion], geometry: Geometry, config: ObjectConfig
+    group: Sequence[ChangedRegion], geometry: Geometry, config: ObjectConfig
 ) -> list[ChangedRegion]:
     """Without the views in which the object is too small to count."""
     areas: dict[int, int] = {}

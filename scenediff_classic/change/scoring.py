@@ -1,7 +1,7 @@
 """Region-level change scores (paper Sec. 4.2 and the first half of 4.3)."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -117,13 +117,36 @@ def score_changes(
                 )
             progress("scores", done + 1, len(pairs))
     averaged = [t.averaged(config) for t in totals]
+    return _pooled(geometry, regions, averaged, descriptors, pairs, comparisons, config)
+
+
+def reweighted(
+    scores: Scores, geometry: Geometry, regions: Sequence[Regions], config: ScoringConfig
+) -> Scores:
+    """The same terms with other weights or another voxel; `comparisons` keep their old ones."""
+    raw = [replace(m, total=config.total(m.geometry, m.feature, m.region)) for m in scores.maps]
+    descriptors = [r.descriptors for r in scores.regions]
+    return _pooled(geometry, regions, raw, descriptors, scores.pairs, scores.comparisons, config)
+
+
+def _pooled(
+    geometry: Geometry,
+    regions: Sequence[Regions],
+    averaged: Sequence[ScoreMaps],
+    descriptors: Sequence[np.ndarray],
+    pairs: tuple[tuple[int, int], ...],
+    comparisons: Mapping[tuple[int, int], np.ndarray],
+    config: ScoringConfig,
+) -> Scores:
+    """Smooth the totals over the views of each capture, and read everything by region."""
+    views = geometry.views
     if len(views) > 2:  # a pair of single photos has nothing to average over (paper Sec. 4.4)
         smoothed = smooth_in_3d(views, regions, [m.total for m in averaged], config)
     else:
         smoothed = [m.total for m in averaged]
     maps, scored = [], []
     for m, total, r, d in zip(averaged, smoothed, regions, descriptors, strict=True):
-        maps.append(ScoreMaps(m.geometry, m.feature, m.region, total))
+        maps.append(replace(m, total=total))
         scored.append(
             RegionScores(
                 geometry=region_means(m.geometry, r)[0],

@@ -18,6 +18,7 @@ import pytest
 import tyro
 from jaxtyping import Bool, Float, Float32
 
+from data_tools.benchmarks.rendered_truth import CHANGED
 from scenediff_classic.cameras import camera_centre
 from scenediff_classic.change.changed_regions import ObjectConfig
 from scenediff_classic.change.moves import MoveConfig, size_of
@@ -33,7 +34,6 @@ from scenediff_classic.features.named import FEATURES
 from scenediff_classic.protocols import FeatureExtractor
 from scenediff_classic.types import VIDEOS, View
 from tests.benchmarks.rendered_objects import (
-    CHANGED,
     RenderedPair,
     neighbouring_regions,
     read_rendered_pair,

@@ -14,9 +14,9 @@ from typing import Annotated, get_args
 import numpy as np
 import pytest
 import tyro
-from jaxtyping import Bool, Int
+from jaxtyping import Bool
 
-from scenediff_classic.cameras import pixel_centres, sample, source_from_view
+from data_tools.benchmarks.rendered_truth import RenderedTruth
 from scenediff_classic.change.scale import normalised
 from scenediff_classic.detection_run import CaptureOptions
 from scenediff_classic.geometry.known_cameras import KnownGeometry
@@ -26,8 +26,6 @@ from scenediff_classic.types import VIDEOS, Geometry, Regions, View
 from tests.plane_scene import BOOK, VASE, render
 
 Masks = tuple[Bool[np.ndarray, "h w"], ...]
-
-CHANGED = ("added", "removed", "moved")
 
 
 def rendered_views(pair: Path, results: Path | None = None) -> tuple[Geometry, list[Masks]]:
@@ -42,20 +40,15 @@ def rendered_views(pair: Path, results: Path | None = None) -> tuple[Geometry, l
     source = KnownGeometry(pair / "truth_geometry.npz" if results is None else results / pair.name)
     before, after = (CaptureOptions(pair / video).read(video, silent) for video in VIDEOS)
     geometry = normalised(source(before, after, pair, silent))
-    with np.load(pair / "truth_instances.npz") as stored:
-        keys = zip(stored["video"].tolist(), stored["index"].tolist(), strict=True)
-        maps = dict(zip(keys, stored["instances"], strict=True))
-        changed = stored["id"][np.isin(stored["kind"], CHANGED)].tolist()
-    truth = [_masks(maps[VIDEOS.index(v.video), v.index], changed, v) for v in geometry.views]
-    return geometry, truth
+    truth = RenderedTruth(pair)
+    return geometry, [_masks(truth, view) for view in geometry.views]
 
 
-def _masks(instances: Int[np.ndarray, "h w"], ids: Sequence[int], view: View) -> Masks:
+def _masks(truth: RenderedTruth, view: View) -> Masks:
     """Objects of at least 100 pixels (of a picture with long side 518) as the view shows them."""
-    xy = source_from_view(pixel_centres(*view.shape), view.lens, view.intrinsics)
-    seen = sample(instances.astype(np.float32), xy - 1e-6, nearest=True)
+    seen = truth.instances(view)
     least = 100 * (max(view.shape) / 518) ** 2
-    return tuple(mask for mask in (seen == number for number in ids) if mask.sum() >= least)
+    return tuple(mask for mask in (seen == k for k in truth.changed) if mask.sum() >= least)
 
 
 @dataclass(frozen=True)

@@ -22,8 +22,6 @@ from scenediff_classic.protocols import silent
 from scenediff_classic.types import VIDEOS, Geometry, Regions, TermScores, Video, View
 from scenediff_classic.video import read_capture
 
-CHANGED = ("added", "removed", "moved")
-
 
 @dataclass(frozen=True)
 class RenderedPair:

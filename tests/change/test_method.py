@@ -5,9 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scenediff_classic.change.scale import rescaled
+from scenediff_classic.change.scale import normalised, rescaled
+from scenediff_classic.change.scoring import ScoringConfig, reweighted, score_changes
 from scenediff_classic.errors import AlignmentError
 from scenediff_classic.masks import decode
+from scenediff_classic.pipeline import DetectConfig
 from scenediff_classic.types import SparsePoints
 from tests.change.running import detect, masks_of, summary
 from tests.plane_scene import BOOK, BOOK_ELSEWHERE, CLOCK, VASE, render, scene
@@ -174,3 +176,16 @@ def test_every_object_says_what_speaks_for_it(changed, found):
     assert moved.match is not None
     assert moved.match.similarity > moved.match.least
     assert moved.match.size_ratio == pytest.approx(1, abs=0.2)
+
+
+def test_other_weights_need_no_new_comparison(changed):
+    geometry = normalised(changed)
+    regions = [DetectConfig().regions(view) for view in geometry.views]
+    features, usual = DetectConfig().features, ScoringConfig()
+    other = ScoringConfig(geometry_weight=0.3, feature_weight=0.9, region_weight=0.4, voxel=0.02)
+    quick = reweighted(score_changes(geometry, regions, features, usual), geometry, regions, other)
+    full = score_changes(geometry, regions, features, other)
+    for a, b in zip(quick.maps, full.maps, strict=True):
+        assert np.array_equal(a.total, b.total, equal_nan=True)
+    for a, b in zip(quick.regions, full.regions, strict=True):
+        assert np.array_equal(a.total, b.total, equal_nan=True)
