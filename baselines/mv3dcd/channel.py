@@ -14,9 +14,9 @@ from baselines.gaussian_splatting.channels import ChannelConfig, fit_channel
 from baselines.gaussian_splatting.gaussians import Gaussians
 from baselines.gaussian_splatting.losses import Target, photometric_loss
 from baselines.gaussian_splatting.rasterizer import accumulate, render
-from baselines.gaussian_splatting.train import TrainConfig, train
+from baselines.gaussian_splatting.train import train
 from baselines.mv3dcd.cues import CueConfig, change_mask
-from baselines.splat_change.models import Render, renders
+from baselines.splat_change.models import ModelConfig, Render, completed, renders
 from scenediff_classic.protocols import Progress, silent
 from scenediff_classic.types import Geometry, View
 
@@ -60,7 +60,7 @@ def fused(
     now: Sequence[int],
     cues: CueConfig,
     config: FusionConfig,
-    learning: TrainConfig,
+    models: ModelConfig,
     workspace: Path,
     progress: Progress = silent,
 ) -> Fused:
@@ -74,7 +74,7 @@ def fused(
         Positions of the views it was made of.
     now : sequence of int
         Positions of the other capture's views.
-    learning : TrainConfig
+    models : ModelConfig
         How the reference model was learned; its update learns alike.
     """
     views = [geometry.views[k] for k in now]
@@ -82,12 +82,11 @@ def fused(
     shown = renders(reference, views)
     masks = [change_mask(v, r.image, r.known, cues) for v, r in zip(views, shown, strict=True)]
     progress(f"{video} masks", 1, 1)
-    # pictures that the reference knew nothing of are learned as well: geometry comes from depth
     updated = train(
         views,
         None,
-        replace(learning, iterations=config.update, coarse=(), degree_every=1, densify=None),
-        start=reference,
+        replace(models.train, iterations=config.update, coarse=(), degree_every=1, densify=None),
+        start=completed(reference, geometry, now, models),
         checkpoint=workspace / f"updated_on_{video}.gaussians",
         progress=lambda p: progress(f"{video} update", p.iteration, p.iterations),
     ).gaussians

@@ -145,7 +145,7 @@ def detect_with_mv3dcd(
         found = fused(
             gaussians[other], geometry, compared(geometry, other, 1),
             compared(geometry, now, config.models.every), config.cues, config.fusion,
-            config.models.train, workspace, progress,
+            config.models, workspace, progress,
         )  # fmt: skip
         change |= found.change
         cues |= found.masks

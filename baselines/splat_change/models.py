@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import torch
 from jaxtyping import Bool, Float32, UInt8
+from scipy.spatial import KDTree
 
 from baselines.gaussian_splatting.camera import PinholeCamera
 from baselines.gaussian_splatting.gaussians import Gaussians, Points
@@ -20,6 +21,10 @@ from scenediff_classic.change.visibility import VisibilityConfig, pair_views
 from scenediff_classic.errors import AlignmentError
 from scenediff_classic.protocols import Progress, silent
 from scenediff_classic.types import VIDEOS, Geometry, Video, View
+
+
+NEW = 2.5
+"""A point is new if the model has nothing within this many times the points' usual distance."""
 
 
 @dataclass(frozen=True)
@@ -131,6 +136,37 @@ def model(
         checkpoint=workspace / f"{video}.gaussians",
         progress=lambda p: progress(f"{video} model", p.iteration, p.iterations),
     ).gaussians
+
+
+def completed(
+    reference: Gaussians, geometry: Geometry, now: Sequence[int], config: ModelConfig
+) -> Gaussians:
+    """The model with Gaussians where the other capture has surfaces and the model has nothing near.
+
+    Without them, a new thing could only be painted on what lies behind it.
+
+    Parameters
+    ----------
+    now : sequence of int
+        Positions of the other capture's views.
+    """
+    points = Points.of(geometry, list(now), config.points)
+    if not points.dense or len(points.xyz) < 4:
+        return reference
+    spacing = np.median(KDTree(points.xyz).query(points.xyz, k=2)[0][:, 1])
+    gap = KDTree(reference.means.cpu().numpy()).query(points.xyz)[0]
+    new = gap > NEW * spacing
+    if new.sum() < 4:
+        return reference
+    added = Gaussians.start(replace(points, xyz=points.xyz[new], rgb=points.rgb[new]), 0)
+    terms = reference.sh.shape[1]
+    sh = torch.zeros(len(added), terms, 3)
+    sh[:, :1] = added.sh
+    added = replace(added, sh=sh)
+    both = (torch.cat([a.cpu(), b]) for a, b in zip(
+        vars(reference).values(), vars(added).values(), strict=True
+    ))  # fmt: skip
+    return Gaussians(*both)
 
 
 def renders(gaussians: Gaussians, views: Sequence[View]) -> list[Render]:

@@ -37,7 +37,9 @@ class ThreedgsCdConfig:
 def published(config: ThreedgsCdConfig) -> ThreedgsCdConfig:
     """The same with the published behaviour, where it is known to be at fault."""
     search = config.search
-    differences = replace(search.differences, floor=0.0, pooled=False, inside=0.0, min_area=0.01)
+    differences = replace(
+        search.differences, floor=0.0, pooled=False, inside=0.0, cover=0.0, min_area=0.01
+    )
     if isinstance(differences.segmenter, GrabCutBoxes):
         differences = replace(
             differences, segmenter=replace(differences.segmenter, contrast=0.0)
@@ -45,7 +47,7 @@ def published(config: ThreedgsCdConfig) -> ThreedgsCdConfig:
     association = replace(
         search.association, near=float("inf"), could_see=False, fullest_only=True, late=False
     )
-    search = SearchConfig(differences, association, replace(search.poses, still=0.0))
+    search = SearchConfig(differences, association, replace(search.poses, still=0.0, alike=0.0))
     return replace(config, search=search, both_outputs=True)
 
 

@@ -38,6 +38,9 @@ class DifferenceConfig:
     """Smallest difference and smallest thing, as a share of the picture (published: 0.01)."""
     inside: float = 0.5
     """Share of a thing that must lie where pictures differ; 0 = none, as published."""
+    cover: float = 0.25
+    """Share of a difference that its things must cover: what was uncovered has a pattern of its own,
+    but no pattern that explains the difference; 0 = none, as published."""
     segmenter: BoxSegmenter = field(default_factory=GrabCutBoxes)
 
 
@@ -123,7 +126,9 @@ def _segments(
     segment = config.segmenter(image, box)
     if segment.score < config.segmenter.least:
         return []
-    return parts(segment, round(config.min_area * changed.size), changed, config.inside)
+    found = parts(segment, round(config.min_area * changed.size), changed, config.inside)
+    covered = sum(int((s.mask & changed).sum()) for s in found)
+    return found if covered >= config.cover * changed.sum() else []
 
 
 def _distinct(segments: list[Segment]) -> tuple[Segment, ...]:

@@ -20,6 +20,9 @@ class PoseConfig:
     picture about a thousand wide."""
     inliers: int = 4
     """Fewer are no support."""
+    alike: float = 0.8
+    """Least cosine of the descriptors of what is gone and what was found; belongs to the features:
+    four keypoints may agree by chance. 0 = none, as published."""
     ratio: float = 0.85
     """Of the distances to the best and to the second best descriptor."""
     enlarge: int = 3

@@ -140,7 +140,8 @@ def _links(
         moved = answer(thing.points)
         gaps = [apart(other.points, moved) for other in ins]
         nearest = int(np.argmin(gaps))
-        if gaps[nearest] <= config.association.near:
+        alike = float(thing.descriptor @ ins[nearest].descriptor) >= config.poses.alike
+        if alike and gaps[nearest] <= config.association.near:
             found.append(Link(number, nearest, answer))
     links: list[Link] = []
     for link in sorted(found, key=lambda link: -link.motion.inliers):
