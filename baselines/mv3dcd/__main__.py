@@ -47,7 +47,10 @@ class Detect(DetectCommand):
         InputError
             If a number is out of range.
         """
-        if min(self.update_iterations, self.channel_iterations) < 1 or self.augmented_iterations < 0:
+        if (
+            min(self.update_iterations, self.channel_iterations) < 1
+            or self.augmented_iterations < 0
+        ):
             raise InputError("Iterations must be at least 1; augmented ones at least 0.")
         base = Mv3dcdConfig()
         fusion = FusionConfig(

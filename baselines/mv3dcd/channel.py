@@ -1,7 +1,7 @@
 """Change masks of single views, fused by a scalar that every Gaussian carries."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -103,9 +103,7 @@ def fused(
     for k, view, seen in zip(now, views, shown, strict=True):
         drawn = draw(PinholeCamera.of(view))
         change[k] = np.where(seen.known & ~view.ignore, drawn, np.nan).astype(np.float32)
-    return Fused(
-        change, dict(zip(now, masks, strict=True)), dict(zip(now, shown, strict=True))
-    )
+    return Fused(change, dict(zip(now, masks, strict=True)), dict(zip(now, shown, strict=True)))
 
 
 def augmentation(

@@ -17,7 +17,7 @@ from baselines.splat_change.answering import (
     write_comparison,
     write_mask,
 )
-from baselines.splat_change.models import ModelConfig, compared, model, prepared
+from baselines.splat_change.models import DIRECTIONS, ModelConfig, compared, model, prepared
 from scenediff_classic.cameras import unproject
 from scenediff_classic.change.changed_regions import ChangedRegion, ObjectConfig, main_parts
 from scenediff_classic.change.moves import MoveConfig, pair_moves
@@ -141,7 +141,7 @@ def detect_with_mv3dcd(
     gaussians = {v: model(geometry, v, config.models, workspace, progress) for v in VIDEOS}
     seconds["models"], start = time.perf_counter() - start, time.perf_counter()
     change, cues, shown = {}, {}, {}
-    for now, other in (("after", "before"), ("before", "after")):
+    for now, other in DIRECTIONS:
         found = fused(
             gaussians[other], geometry, compared(geometry, other, 1),
             compared(geometry, now, config.models.every), config.cues, config.fusion,

@@ -1,4 +1,4 @@
-"""The command line that both detectors share: inputs and outputs of ``scenediff-classic detect``."""
+"""The command line of both detectors: inputs and outputs as of ``scenediff-classic detect``."""
 
 import sys
 from collections.abc import Callable, Iterator
@@ -43,7 +43,8 @@ class DetectCommand:
     fps: float = 1.0
     """Frames per second taken of a video."""
     every: int = 1
-    """Only every n-th frame is searched for changes; all are learned. The paper: --fps 3 --every 3."""
+    """Only every n-th frame is searched for changes; all are learned. In the paper, --fps 3
+    --every 3."""
     geometry: Path | None = None
     """Known cameras and depth, such as the output folder of scenediff-classic detect."""
     before_range: tuple[float, float] | None = None

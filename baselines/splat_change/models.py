@@ -22,6 +22,8 @@ from scenediff_classic.errors import AlignmentError
 from scenediff_classic.protocols import Progress, silent
 from scenediff_classic.types import VIDEOS, Geometry, Video, View
 
+DIRECTIONS: tuple[tuple[Video, Video], ...] = (("after", "before"), ("before", "after"))
+"""(whose pictures are searched, whose model they are compared with)."""
 
 NEW = 2.5
 """A point is new if the model has nothing within this many times the points' usual distance."""

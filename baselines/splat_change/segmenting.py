@@ -95,7 +95,7 @@ class GrabCutBoxes:
         cv2.setRNGSeed(0)
         models = np.zeros((1, 65)), np.zeros((1, 65))
         cv2.grabCut(
-            np.ascontiguousarray(image), labels, None, *models, self.iterations,
+            np.ascontiguousarray(image), labels, (0, 0, 1, 1), *models, self.iterations,
             cv2.GC_INIT_WITH_MASK,
         )  # fmt: skip
         return (labels == cv2.GC_PR_FGD) | (labels == cv2.GC_FGD)

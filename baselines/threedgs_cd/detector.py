@@ -10,7 +10,14 @@ from baselines.splat_change.answering import (
     painted_scores,
     write_comparison,
 )
-from baselines.splat_change.models import ModelConfig, compared, model, prepared, renders
+from baselines.splat_change.models import (
+    DIRECTIONS,
+    ModelConfig,
+    compared,
+    model,
+    prepared,
+    renders,
+)
 from baselines.splat_change.segmenting import GrabCutBoxes
 from baselines.threedgs_cd.merging import MergeConfig, as_published, merged
 from baselines.threedgs_cd.occupancy import OccupancyConfig, carved
@@ -41,9 +48,7 @@ def published(config: ThreedgsCdConfig) -> ThreedgsCdConfig:
         search.differences, floor=0.0, pooled=False, inside=0.0, cover=0.0, min_area=0.01
     )
     if isinstance(differences.segmenter, GrabCutBoxes):
-        differences = replace(
-            differences, segmenter=replace(differences.segmenter, contrast=0.0)
-        )
+        differences = replace(differences, segmenter=replace(differences.segmenter, contrast=0.0))
     association = replace(
         search.association, near=float("inf"), could_see=False, fullest_only=True, late=False
     )
@@ -82,7 +87,7 @@ def detect_with_3dgs_cd(
     seconds["models"], start = time.perf_counter() - start, time.perf_counter()
     found: dict[Video, Found] = {}
     shown = {}
-    for now, other in (("after", "before"), ("before", "after")):
+    for now, other in DIRECTIONS:
         ids = compared(geometry, now, config.models.every)
         drawn = renders(gaussians[other], [geometry.views[k] for k in ids])
         here = dict(zip(ids, drawn, strict=True))

@@ -39,8 +39,8 @@ class DifferenceConfig:
     inside: float = 0.5
     """Share of a thing that must lie where pictures differ; 0 = none, as published."""
     cover: float = 0.25
-    """Share of a difference that its things must cover: what was uncovered has a pattern of its own,
-    but no pattern that explains the difference; 0 = none, as published."""
+    """Share of a difference that its things must cover: what was uncovered may have a pattern,
+    but none that explains the difference; 0 = none, as published."""
     segmenter: BoxSegmenter = field(default_factory=GrabCutBoxes)
 
 
@@ -54,9 +54,7 @@ class ViewMasks:
     """Where the two differ."""
 
 
-def difference(
-    view: View, shown: Render, config: DifferenceConfig
-) -> Float32[np.ndarray, "h w"]:
+def difference(view: View, shown: Render, config: DifferenceConfig) -> Float32[np.ndarray, "h w"]:
     """1 - cosine of the features of the blurred pictures; NaN where the model knows nothing."""
     size = max(round(config.blur * view.shape[1]), 1)
     known = shown.known & ~view.ignore

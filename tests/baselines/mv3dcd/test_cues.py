@@ -7,8 +7,7 @@ import numpy as np
 
 from baselines.mv3dcd.cues import CueConfig, change_mask, feature_cue, structure_cue
 from scenediff_classic.features.gradients import GradientFeatures
-from tests.baselines.splat_change.scenes import iou, silhouette
-from tests.baselines.splat_change.scenes import both
+from tests.baselines.splat_change.scenes import both, iou, silhouette
 from tests.plane_scene import VASE
 
 CONFIG = CueConfig()

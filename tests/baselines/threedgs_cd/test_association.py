@@ -77,7 +77,9 @@ def test_views_that_could_show_it(could_see: bool, kept: int) -> None:
 
 
 def test_stray_points_do_not_count() -> None:
-    points = np.concatenate([np.zeros((98, 3)) + np.linspace(0, 0.01, 98)[:, None], np.ones((2, 3))])
+    points = np.concatenate(
+        [np.zeros((98, 3)) + np.linspace(0, 0.01, 98)[:, None], np.ones((2, 3))]
+    )
     kept = central(points, 0.98)
     assert len(kept) == 98
     assert kept.max() < 0.02

@@ -33,10 +33,10 @@ def _found(into, out, links=()) -> Found:
 
 
 def _places(changes) -> list[tuple[float | None, float | None]]:
-    return [
-        tuple(None if s is None else round(float(s.points[:, 0].mean()), 1) for s in (c.before, c.after))
-        for c in changes
-    ]  # fmt: skip
+    def place(side: SceneObject | None) -> float | None:
+        return None if side is None else round(float(side.points[:, 0].mean()), 1)
+
+    return [(place(c.before), place(c.after)) for c in changes]
 
 
 def test_added_and_removed() -> None:

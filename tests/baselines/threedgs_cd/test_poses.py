@@ -11,7 +11,7 @@ from tests.plane_scene import BOOK, BOOK_ELSEWHERE, WALL, render
 
 CONFIG = PoseConfig()
 CENTRES = ((-0.1, 0.0, 0.0), (0.1, -0.1, 0.0))
-SIZE = dict(width=240, height=180, focal=220.0)
+SIZE = {"width": 240, "height": 180, "focal": 220.0}
 
 
 def _seen(card, centre):
@@ -47,14 +47,15 @@ def test_few_keypoints_are_no_support(count: int, found: bool) -> None:
     view = render([BOOK], "before", 0, CENTRES[0], **SIZE)
     rng = np.random.default_rng(0)
     points = np.c_[rng.uniform(-0.5, 0.5, (count, 2)), rng.uniform(2, 3, count)]
-    xy, _ = project(points + [0.1, 0, 0], view.intrinsics, view.cam_from_world)
+    shifted = points + np.array([0.1, 0, 0])
+    xy, _ = project(shifted, view.intrinsics, view.cam_from_world)
     looks = rng.normal(size=(count, 128)).astype(np.float32)
     one = Template(Keypoints(xy, looks), points)
     answer = motion([one], [(0, view, Keypoints(xy, looks))], CONFIG)
     assert (answer is not None) == found
     if answer is not None:
         assert answer.inliers == count
-        np.testing.assert_allclose(answer(points), points + [0.1, 0, 0], atol=1e-2)
+        np.testing.assert_allclose(answer(points), shifted, atol=1e-2)
 
 
 def test_keypoints_without_depth_are_left_out() -> None:
