@@ -16,6 +16,7 @@ from baselines.gaussian_splatting.camera import PinholeCamera
 from baselines.gaussian_splatting.gaussians import Gaussians
 from baselines.gaussian_splatting.losses import Target, photometric_loss
 from baselines.gaussian_splatting.rasterizer import render
+from baselines.gaussian_splatting.threads import one_torch_thread
 
 Loss = Callable[[Float[torch.Tensor, "1 h w"], Target], Float[torch.Tensor, ""]]
 """Of a drawn channel and the mask that it should show."""
@@ -85,7 +86,8 @@ def fit_channel(
         shaped = replace(frozen, opacity_logits=leaves[1])
         values = torch.sigmoid(leaves[0])[:, None]
         drawn = render(shaped, cameras[index], extra=values, degree=0)
-        config.loss(drawn.extra.permute(2, 0, 1), targets[index]).backward()
+        with one_torch_thread():
+            config.loss(drawn.extra.permute(2, 0, 1), targets[index]).backward()
         for leaf, (row, rate), (mean, square) in zip(leaves, rows, moments, strict=True):
             if leaf.grad is None:
                 continue

@@ -21,8 +21,8 @@ CHILD_SIZE = 1 / 1.6
 class DensifyConfig:
     """When and where Gaussians are added and removed."""
 
-    start: int = 500
-    """First iteration."""
+    start: int = 300
+    """First iteration; 500 in the paper, whose trainings are much longer."""
     every: int = 100
     until: float = 0.5
     """Share of the training after which their number stays."""

@@ -28,6 +28,7 @@ from baselines.gaussian_splatting.exposure import Exposures, applied
 from baselines.gaussian_splatting.gaussians import Gaussians, Points
 from baselines.gaussian_splatting.losses import Target, photometric_loss, psnr
 from baselines.gaussian_splatting.rasterizer import render
+from baselines.gaussian_splatting.threads import one_torch_thread
 from scenediff_classic.devices import Device, chosen_device
 from scenediff_classic.errors import InputError
 from scenediff_classic.types import View
@@ -53,7 +54,7 @@ class Rates:
 class TrainConfig:
     """How Gaussians are trained."""
 
-    iterations: int = 2000
+    iterations: int = 1000
     degree: int = 2
     """Of the spherical harmonics, 0 to 3."""
     degree_every: int = 400
@@ -147,7 +148,8 @@ def train(
     state = state or training.first_state()
     began, first = time.monotonic(), state.iteration
     while state.iteration < config.iterations:
-        loss, error = training.iterate(state)
+        with one_torch_thread():
+            loss, error = training.iterate(state)
         state.error = error if state.iteration == 1 else 0.95 * state.error + 0.05 * error
         if progress:
             pace = (time.monotonic() - began) / (state.iteration - first)

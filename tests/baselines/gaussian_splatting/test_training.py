@@ -152,7 +152,7 @@ def test_nothing_to_train_from_is_refused() -> None:
         train([], Points.of(geometry), SHORT)
     with pytest.raises(InputError, match="points"):
         train(geometry.views, None, SHORT)
-    bare = tuple(replace(v, depth=np.full(v.shape, np.nan, np.float32)) for v in geometry.views)
+    bare = tuple(replace(v, measured=np.zeros(v.shape, bool)) for v in geometry.views)
     with pytest.raises(InputError, match="neither depth nor points"):
         Points.of(Geometry(bare, SparsePoints.none()))
     with pytest.raises(InputError, match="four points"):
@@ -164,10 +164,7 @@ def test_points_are_the_depth_cloud_or_else_the_sparse_ones() -> None:
     dense = Points.of(geometry, most=500)
     assert dense.dense
     assert 250 < len(dense.xyz) <= 500
-    bare = tuple(
-        replace(v, depth=np.full(v.shape, np.nan, np.float32), measured=np.zeros(v.shape, bool))
-        for v in geometry.views
-    )
+    bare = tuple(replace(v, measured=np.zeros(v.shape, bool)) for v in geometry.views)
     sparse = Points.of(replace(geometry, views=bare), views=[1])
     seen = geometry.points.observations
     assert not sparse.dense
