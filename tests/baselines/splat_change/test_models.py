@@ -11,6 +11,7 @@ from baselines.splat_change.answering import write_comparison, write_mask
 from baselines.splat_change.models import (
     ModelConfig,
     compared,
+    completed,
     model,
     prepared,
     renders,
@@ -18,7 +19,7 @@ from baselines.splat_change.models import (
 )
 from scenediff_classic.errors import AlignmentError, OutputError
 from scenediff_classic.types import Geometry, SparsePoints
-from tests.baselines.splat_change.scenes import both, seen_by
+from tests.baselines.splat_change.scenes import both, seen_by, untrained
 from tests.plane_scene import VASE, scene
 
 TINY = ModelConfig(120, 3000, 1, TrainConfig(iterations=6, degree=0, densify=None))
@@ -79,6 +80,33 @@ def test_models_are_continued(tmp_path: Path) -> None:
     view = geometry.views[4]
     first, second = (renders(g, [view])[0].image for g in (whole, again))
     assert np.array_equal(first, second)
+
+
+def test_new_surfaces_join_the_model() -> None:
+    geometry = both([], [VASE])
+    reference = untrained(geometry, "before")
+    config = ModelConfig(120, 20_000)
+    whole = completed(reference, geometry, [3, 4, 5], config)
+    nearer = np.concatenate([v.depth[v.depth < 0.85 * v.depth.max()] for v in geometry.views[3:]])
+    added = whole.means[len(reference) :, 2].numpy()
+    assert (np.abs(added - np.median(nearer)) < 0.02).mean() > 0.5
+    assert len(added) > 100
+    same = both([VASE], [VASE])
+    more = len(completed(untrained(same, "before"), same, [3, 4, 5], config))
+    assert more - len(untrained(same, "before")) < 0.5 * len(added)
+    without = tuple(
+        replace(v, depth=np.full_like(v.depth, np.nan), measured=np.zeros(v.shape, bool))
+        for v in geometry.views
+    )
+    sparse = replace(geometry, views=without)
+    sparse = replace(
+        sparse,
+        points=SparsePoints(
+            np.random.default_rng(0).normal(size=(20, 3)), np.zeros((20, 3), np.uint8),
+            np.array([[k, 3] for k in range(20)]),
+        ),
+    )  # fmt: skip
+    assert completed(reference, sparse, [3, 4, 5], config) is reference
 
 
 def test_pictures_are_written(tmp_path: Path) -> None:
