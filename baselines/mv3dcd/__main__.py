@@ -76,6 +76,7 @@ class Detect(DetectCommand):
                 pictures=self.pictures, symmetric=self.symmetric,
             ),
             config,
+            config.cues.features,
         )  # fmt: skip
 
 

@@ -14,9 +14,11 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsed
 from rich.progress import Progress as Bars
 
 from baselines.splat_change.models import ModelConfig
+from baselines.splat_change.sam_boxes import SamBoxes
 from scenediff_classic.detection_run import CaptureOptions, Detect, run_detection
 from scenediff_classic.devices import Device
 from scenediff_classic.errors import InputError, SceneDiffError
+from scenediff_classic.features.dino import DinoFeatures
 from scenediff_classic.features.named import FEATURES, FeatureName
 from scenediff_classic.presets import Preset, configured
 from scenediff_classic.protocols import FeatureExtractor, GeometryEstimator, Progress
@@ -57,6 +59,9 @@ class DetectCommand:
     """The same for the after capture."""
     features: FeatureName | None = None
     """How the looks of surfaces are compared."""
+    learned_features: str | None = None
+    """Features of a DINOv2 or DINOv3 model instead: a folder with its weights, or its id in your
+    Hugging Face cache. Needs the extra "learned"."""
     long_side: int = 320
     """Longer side of the pictures that are learned and rendered, in pixels."""
     iterations: int = 600
@@ -100,11 +105,22 @@ class DetectCommand:
 
     def extractor(self, default: FeatureExtractor) -> FeatureExtractor:
         """The features that were asked for."""
+        if self.learned_features is not None:
+            return DinoFeatures(self.learned_features)
         return default if self.features is None else FEATURES[self.features]
 
-    def detected(self, detect: Detect, config: Any) -> None:
-        """Detect, write the folder, say what was found."""
+    def detected(self, detect: Detect, config: Any, *learned: object) -> None:
+        """Detect, write the folder, say what was found.
+
+        Parameters
+        ----------
+        learned
+            Plug-ins; what the files of learned ones hold decides the result.
+        """
         known = () if self.geometry is None else (self.geometry,)
+        files = tuple(
+            file for p in learned if isinstance(p, (DinoFeatures, SamBoxes)) for file in p.files
+        )
         with _bars() as progress:
             result = run_detection(
                 self._capture(self.before, self.before_range, self.before_ignore),
@@ -114,7 +130,7 @@ class DetectCommand:
                 config,
                 seed=self.seed,
                 overwrite=self.overwrite,
-                uses=known,
+                uses=(*known, *files),
                 command=tuple(sys.argv),
                 progress=progress,
             )

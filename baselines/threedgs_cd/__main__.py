@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import tyro
 
 from baselines.splat_change.command import DetectCommand, run_command
+from baselines.splat_change.sam_boxes import SamBoxes
 from baselines.threedgs_cd.detector import ThreedgsCdConfig, detect_with_3dgs_cd, published
 from baselines.threedgs_cd.occupancy import OccupancyConfig
 
@@ -17,6 +18,8 @@ class Detect(DetectCommand):
     Each capture is a video file, a folder of photos, or one photo.
     """
 
+    learned_segmenter: str | None = None
+    """Boxes go to a SAM or SAM 2 model instead of GrabCut: the same."""
     occupancy_grid: bool = False
     """Cut each thing out of a grid of voxels, and report the grid's outline in all views."""
     as_published: bool = False
@@ -27,7 +30,10 @@ class Detect(DetectCommand):
         """The detector's options."""
         base = ThreedgsCdConfig()
         differences = base.search.differences
-        differences = replace(differences, features=self.extractor(differences.features))
+        features = self.extractor(differences.features)
+        differences = replace(differences, features=features)
+        if self.learned_segmenter is not None:
+            differences = replace(differences, segmenter=SamBoxes(self.learned_segmenter))
         config = ThreedgsCdConfig(
             geometry=self.known_geometry,
             models=self.models,
@@ -45,6 +51,8 @@ class Detect(DetectCommand):
                 pictures=self.pictures,
             ),
             config,
+            config.search.differences.features,
+            config.search.differences.segmenter,
         )  # fmt: skip
 
 

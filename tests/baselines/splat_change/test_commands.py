@@ -11,6 +11,7 @@ from baselines.threedgs_cd.__main__ import main as threedgs_cd
 from data_tools.synthetic_pairs.export import write_pair
 from data_tools.synthetic_pairs.scene import PairSpec
 from scenediff_classic.result.reading import read_result
+from tests.learned_models import dino, sam
 
 SPEC = PairSpec("x", 9, frames=3, width=128, height=96, close=True, texture_size=256)
 QUICK = ["--iterations", "10", "--points", "1500", "--long-side", "96"]
@@ -54,6 +55,18 @@ def test_mv3dcd(captures: list[str], published: bool, tmp_path: Path) -> None:
     mask = cv2.imread(str(masks / written[0]), cv2.IMREAD_GRAYSCALE)
     assert mask is not None
     assert mask.shape == (72, 96)
+
+
+def test_learned_models(captures: list[str], tmp_path: Path) -> None:
+    learned = [
+        "--learned-features", str(dino("dinov2", tmp_path / "dino")),
+        "--learned-segmenter", str(sam("sam", tmp_path / "sam")),
+    ]  # fmt: skip
+    out = tmp_path / "out"
+    assert threedgs_cd([*captures, *learned, "--every", "2", "-o", str(out)]) == 0
+    assert (out / "changes.json").is_file()
+    missing = ["--learned-segmenter", str(tmp_path / "none")]
+    assert threedgs_cd([*captures, *missing, "-o", str(tmp_path / "other")]) == 2
 
 
 def test_a_finished_run_is_reused_as_geometry(captures: list[str], tmp_path: Path) -> None:
