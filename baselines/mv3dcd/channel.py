@@ -33,11 +33,11 @@ class FusionConfig:
     loss: LossName = "photometric"
     """photometric: 0.8 L1 + 0.2 (1 - SSIM). self-adjusting: change where the masks have none is
     punished, and change everywhere."""
-    update: int = 300
+    update: int = 150
     """Iterations in which the reference model learns the other capture's pictures."""
-    iterations: int = 200
+    iterations: int = 120
     """Of the channel, on masks of captured pictures."""
-    augmented: int = 200
+    augmented: int = 120
     """Further ones, on masks of renders of the updated model at all cameras; 0 = none."""
     seed: int = 0
 

@@ -64,7 +64,7 @@ class DetectCommand:
     Hugging Face cache. Needs the extra "learned"."""
     long_side: int = 320
     """Longer side of the pictures that are learned and rendered, in pixels."""
-    iterations: int = 600
+    iterations: int = 400
     """Of the training of each capture's model."""
     points: int = 20_000
     """Gaussians of each model at the start, at most."""

@@ -42,7 +42,7 @@ class ModelConfig:
     second, every third of them."""
     train: TrainConfig = field(
         default_factory=lambda: TrainConfig(
-            iterations=600, degree=1, degree_every=300, densify=None, checkpoint_every=100
+            iterations=400, degree=1, degree_every=200, densify=None, checkpoint_every=100
         )
     )
 
