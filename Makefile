@@ -21,7 +21,7 @@ demo: $(READY)
 	  -o demo_output/result --overwrite
 
 test: $(READY)
-	$(BIN)/python -m pytest -m 'not slow'
+	$(BIN)/python -m pytest -m 'not slow' -n 2 --dist loadscope
 
 lint: $(READY)
 	$(BIN)/ruff check .

@@ -200,7 +200,7 @@ def test_progress_reaches_its_end(roots):
 
 
 def printed(table) -> str:
-    console = Console(width=140, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
+    console = Console(width=300, record=True, file=open(os.devnull, "w"))  # noqa: SIM115
     with console.file:
         console.print(table)
         return console.export_text()
