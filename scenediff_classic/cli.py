@@ -1,20 +1,13 @@
-"""The command line: arguments, progress bars, exit codes; nothing else lives here."""
+"""The command line: arguments and what they call; nothing else lives here."""
 
 import logging
-import os
 import sys
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
 import tyro
-from rich.console import Console
 from rich.logging import RichHandler
-from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
-from rich.progress import Progress as Bars
 
 from scenediff_classic.change.changed_regions import ObjectConfig
 from scenediff_classic.change.moves import MoveConfig
@@ -24,20 +17,22 @@ from scenediff_classic.change.threshold import ThresholdConfig
 from scenediff_classic.dataset.export import ExportFormat, export
 from scenediff_classic.detection_run import CaptureOptions, run_detection
 from scenediff_classic.devices import Device
-from scenediff_classic.errors import SceneDiffError
 from scenediff_classic.evaluation.benchmark import Split, Subset, evaluate
 from scenediff_classic.evaluation.rules import Mode
 from scenediff_classic.evaluation.tables import pair_table, summary_table, to_json
 from scenediff_classic.features.named import FeatureName
 from scenediff_classic.pipeline import DetectConfig, detect_changes
 from scenediff_classic.presets import Preset, StereoMethod, configured, weight_files
-from scenediff_classic.protocols import Progress
 from scenediff_classic.regions.named import RegionName
-from scenediff_classic.report.page import verdict
-from scenediff_classic.result.reading import read_result
-
-_out = Console()
-_err = Console(stderr=True)
+from scenediff_classic.terminal import (
+    ERR,
+    OUT,
+    print_notes,
+    print_outcome,
+    progress_bars,
+    run_command,
+    shown,
+)
 
 
 @dataclass(frozen=True)
@@ -110,7 +105,7 @@ class Detect:
             allow_download=self.allow_download, base=base,
         )  # fmt: skip
         known = () if self.geometry is None else (self.geometry,)
-        with _progress() as progress:
+        with progress_bars() as progress:
             result = run_detection(
                 self._capture(self.before, self.before_range, self.before_ignore),
                 self._capture(self.after, self.after_range, self.after_ignore),
@@ -125,12 +120,7 @@ class Detect:
                 command=tuple(sys.argv),
                 progress=progress,
             )
-        if result is None:
-            _out.print(f"{_shown(self.out)} holds this very result already: nothing to do.")
-            result = read_result(self.out / "changes.json")
-        _print_notes(result.warnings)
-        _out.print(f"[bold]{verdict(result)}[/bold]")
-        _out.print(f"Open {_shown(self.out / 'report.html')}", soft_wrap=True)
+        print_outcome(result, self.out)
 
     def _capture(
         self, path: Path, part: tuple[float, float] | None, ignore: Path | None
@@ -158,7 +148,7 @@ class Evaluate:
 
     def __call__(self) -> None:
         """Print the tables."""
-        with _progress() as progress:
+        with progress_bars() as progress:
             scores = evaluate(
                 self.predictions, self.truth, self.mode,
                 split=self.split, subset=self.subset, progress=progress,
@@ -166,9 +156,9 @@ class Evaluate:
         if self.json:
             print(to_json(scores))
             return
-        _out.print(pair_table(scores))
-        _out.print(summary_table(scores))
-        _print_notes(scores.warnings)
+        OUT.print(pair_table(scores))
+        OUT.print(summary_table(scores))
+        print_notes(scores.warnings)
 
 
 @dataclass(frozen=True)
@@ -185,58 +175,24 @@ class Export:
     def __call__(self) -> None:
         """Write the file and name it."""
         written = export(self.out, self.format, self.destination)
-        _out.print(f"Wrote {_shown(written)}", soft_wrap=True)
+        OUT.print(f"Wrote {shown(written)}", soft_wrap=True)
 
 
 def main() -> None:
     """Run a subcommand; exit code 0 = done, 2 = input or set-up is at fault, 130 = interrupted."""
     logging.basicConfig(
-        level=logging.WARNING, format="%(message)s", handlers=[RichHandler(console=_err)]
+        level=logging.WARNING, format="%(message)s", handlers=[RichHandler(console=ERR)]
     )
-    try:
-        command = tyro.extras.subcommand_cli_from_dict(
+
+    def command() -> None:
+        tyro.extras.subcommand_cli_from_dict(
             {"detect": Detect, "evaluate": Evaluate, "export": Export},
             description="Object-level change detection between two captures of a scene.",
-        )
-        command()
-    except SceneDiffError as error:
-        _err.print(f"[red]Error:[/red] {_shown(error)}", soft_wrap=True, highlight=False)
-        sys.exit(2)
-    except KeyboardInterrupt:
-        _err.print("Interrupted. The same call continues where this one stopped.")
-        sys.exit(130)
-    except BrokenPipeError:  # whoever read our output has seen enough, as in `--help | head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the exit flushes it again
-        sys.exit(1)
+        )()
 
-
-def _print_notes(notes: Iterable[str]) -> None:
-    for note in notes:
-        _err.print(f"[yellow]Note:[/yellow] {_shown(note)}", soft_wrap=True, highlight=False)
-
-
-def _shown(value: object) -> str:
-    """Text as it is: brackets are no markup, and names of files need not be valid Unicode."""
-    return escape(str(value).encode(errors="backslashreplace").decode())
-
-
-@contextmanager
-def _progress() -> Iterator[Progress]:
-    """One bar per stage, on the error stream."""
-    columns = (
-        TextColumn("{task.description:<14}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
-    )  # fmt: skip
-    with Bars(*columns, console=_err) as bars:
-        tasks = {}
-
-        def report(stage: str, done: int, total: int) -> None:
-            if stage not in tasks:
-                if tasks:  # stages follow each other: only the latest is still running
-                    bars.stop_task(list(tasks.values())[-1])
-                tasks[stage] = bars.add_task(stage, total=total or None)
-            bars.update(tasks[stage], completed=done, total=total or None)
-
-        yield report
+    code = run_command(command)
+    if code:
+        sys.exit(code)
 
 
 if __name__ == "__main__":

@@ -7,18 +7,15 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
-from rich.console import Console
 
 from baselines.cyws.detector import CywsConfig, detect_with_cyws
 from baselines.cyws.presets import Dimension
 from baselines.cyws.weights import load_network
 from scenediff_classic.detection_run import CaptureOptions, run_detection
 from scenediff_classic.devices import Device
-from scenediff_classic.errors import SceneDiffError
 from scenediff_classic.presets import Preset, configured
 from scenediff_classic.regions.named import RegionName
-from scenediff_classic.report.page import verdict
-from scenediff_classic.result.reading import read_result
+from scenediff_classic.terminal import print_outcome, progress_bars, run_command
 
 
 @dataclass(frozen=True)
@@ -63,37 +60,29 @@ class Detect:
         )
         load_network(config.file)  # refuses what cannot be loaded before any work is done
         known = () if self.geometry is None else (self.geometry,)
-        result = run_detection(
-            CaptureOptions(self.before, self.fps),
-            CaptureOptions(self.after, self.fps),
-            self.out,
-            lambda before, after, workspace, progress: detect_with_cyws(
-                before, after, config, workspace=workspace, progress=progress
-            ),
-            config,
-            seed=self.seed,
-            overwrite=self.overwrite,
-            uses=(*known, config.file),
-            command=tuple(sys.argv),
-        )
-        console = Console()
-        if result is None:
-            console.print(
-                f"{self.out} holds this very result already.", markup=False, soft_wrap=True
+        with progress_bars() as progress:
+            result = run_detection(
+                CaptureOptions(self.before, self.fps),
+                CaptureOptions(self.after, self.fps),
+                self.out,
+                lambda before, after, workspace, progress: detect_with_cyws(
+                    before, after, config, workspace=workspace, progress=progress
+                ),
+                config,
+                seed=self.seed,
+                overwrite=self.overwrite,
+                uses=(*known, config.file),
+                command=tuple(sys.argv),
+                progress=progress,
             )
-            result = read_result(self.out / "changes.json")
-        console.print(verdict(result), markup=False)
-        console.print(f"Open {self.out / 'report.html'}", markup=False, soft_wrap=True)
+        print_outcome(result, self.out)
 
 
 def main(model: Dimension, arguments: list[str] | None = None) -> int:
-    """Run the command; exit code 0 = done, 2 = input or set-up is at fault."""
-    try:
-        tyro.cli(Detect, args=arguments, prog=f"scenediff-cyws{model}").run(model)
-    except SceneDiffError as error:
-        Console(stderr=True).print(f"Error: {error}", markup=False, soft_wrap=True)
-        return 2
-    return 0
+    """Run the command; exit codes as of `run_command`."""
+    return run_command(
+        lambda: tyro.cli(Detect, args=arguments, prog=f"scenediff-cyws{model}").run(model)
+    )
 
 
 def main_2d() -> int:

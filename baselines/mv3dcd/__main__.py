@@ -8,9 +8,10 @@ import tyro
 
 from baselines.mv3dcd.channel import FusionConfig, LossName, Mode
 from baselines.mv3dcd.detector import Mv3dcdConfig, detect_with_mv3dcd, published
-from baselines.splat_change.command import DetectCommand, run_command
+from baselines.splat_change.command import DetectCommand
 from scenediff_classic.errors import InputError
 from scenediff_classic.regions.named import REGIONS, RegionName
+from scenediff_classic.terminal import run_command
 
 
 @dataclass(frozen=True)

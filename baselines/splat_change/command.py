@@ -1,29 +1,22 @@
 """The command line of both detectors: inputs and outputs as of ``scenediff-classic detect``."""
 
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
-from rich.console import Console
-from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
-from rich.progress import Progress as Bars
 
 from baselines.splat_change.models import ModelConfig
 from baselines.splat_change.sam_boxes import SamBoxes
 from scenediff_classic.detection_run import CaptureOptions, Detect, run_detection
 from scenediff_classic.devices import Device
-from scenediff_classic.errors import InputError, SceneDiffError
+from scenediff_classic.errors import InputError
 from scenediff_classic.features.dino import DinoFeatures
 from scenediff_classic.features.named import FEATURES, FeatureName
 from scenediff_classic.presets import Preset, configured
-from scenediff_classic.protocols import FeatureExtractor, GeometryEstimator, Progress
-from scenediff_classic.report.page import verdict
-from scenediff_classic.result.reading import read_result
+from scenediff_classic.protocols import FeatureExtractor, GeometryEstimator
+from scenediff_classic.terminal import print_outcome, progress_bars
 
 
 @dataclass(frozen=True)
@@ -121,7 +114,7 @@ class DetectCommand:
         files = tuple(
             file for p in learned if isinstance(p, (DinoFeatures, SamBoxes)) for file in p.files
         )
-        with _bars() as progress:
+        with progress_bars() as progress:
             result = run_detection(
                 self._capture(self.before, self.before_range, self.before_ignore),
                 self._capture(self.after, self.after_range, self.after_ignore),
@@ -134,50 +127,10 @@ class DetectCommand:
                 command=tuple(sys.argv),
                 progress=progress,
             )
-        console = Console()
-        if result is None:
-            console.print(
-                f"{self.out} holds this very result already.", markup=False, soft_wrap=True
-            )
-            result = read_result(self.out / "changes.json")
-        for note in result.warnings:
-            Console(stderr=True).print(f"Note: {note}", markup=False, soft_wrap=True)
-        console.print(verdict(result), markup=False)
-        console.print(f"Open {self.out / 'report.html'}", markup=False, soft_wrap=True)
+        print_outcome(result, self.out)
 
     def _capture(
         self, path: Path, part: tuple[float, float] | None, ignore: Path | None
     ) -> CaptureOptions:
         start, end = part if part is not None else (0.0, None)
         return CaptureOptions(path, self.fps, start, end, ignore)
-
-
-def run_command(command: Callable[[], None]) -> int:
-    """Run it; exit code 0 = done, 2 = input or set-up is at fault, 130 = interrupted."""
-    console = Console(stderr=True)
-    try:
-        command()
-    except SceneDiffError as error:
-        console.print(f"Error: {error}", markup=False, soft_wrap=True)
-        return 2
-    except KeyboardInterrupt:
-        console.print("Interrupted. The same call continues where this one stopped.")
-        return 130
-    return 0
-
-
-@contextmanager
-def _bars() -> Iterator[Progress]:
-    """One bar per stage, on the error stream."""
-    columns = (
-        TextColumn("{task.description:<14}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
-    )  # fmt: skip
-    with Bars(*columns, console=Console(stderr=True)) as bars:
-        tasks = {}
-
-        def report(stage: str, done: int, total: int) -> None:
-            if stage not in tasks:
-                tasks[stage] = bars.add_task(escape(stage), total=total or None)
-            bars.update(tasks[stage], completed=done, total=total or None)
-
-        yield report

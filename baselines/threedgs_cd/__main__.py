@@ -5,10 +5,11 @@ from dataclasses import dataclass, replace
 
 import tyro
 
-from baselines.splat_change.command import DetectCommand, run_command
+from baselines.splat_change.command import DetectCommand
 from baselines.splat_change.sam_boxes import SamBoxes
 from baselines.threedgs_cd.detector import ThreedgsCdConfig, detect_with_3dgs_cd, published
 from baselines.threedgs_cd.occupancy import OccupancyConfig
+from scenediff_classic.terminal import run_command
 
 
 @dataclass(frozen=True)

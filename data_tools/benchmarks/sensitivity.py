@@ -9,7 +9,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 from rich.console import Console
@@ -35,12 +35,12 @@ class Sweep:
 
     def default(self, config: DetectConfig) -> float | None:
         """The value that the method has; None = it chooses one by itself."""
-        value = config
+        value: Any = config
         for name in self.option.split("."):
             value = getattr(value, name)
         if self.option == "moves.similarity" and value is None:
             return config.features.similarity
-        return None if value is None else float(value)  # type: ignore[arg-type]
+        return None if value is None else float(value)
 
 
 SWEEPS = (
