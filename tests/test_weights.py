@@ -15,7 +15,7 @@ import huggingface_hub
 import torch
 from safetensors.torch import load_file, save_file
 
-from scenediff_classic import cli, weights
+from scenediff_classic import cli, terminal, weights
 from scenediff_classic.errors import InputError
 from scenediff_classic.features.dino import DinoFeatures
 from scenediff_classic.presets import configured, weight_files
@@ -223,7 +223,7 @@ def test_options_and_weights_become_part_of_the_record(
     monkeypatch.setattr(
         cli, "run_detection", lambda *a, **options: recorded.update(options, config=a[4])
     )
-    monkeypatch.setattr(cli, "read_result", lambda path: sys.exit("recorded"))
+    monkeypatch.setattr(terminal, "read_result", lambda path: sys.exit("recorded"))
     detect = cli.Detect(
         tmp_path, tmp_path, tmp_path, device="cpu",
         learned_features=str(folder), learned_regions=str(masks),
