@@ -91,7 +91,9 @@ class Run:
         kinds = [b.kind for b in config.benchmarks]
         for kind in self.data:
             if kind not in kinds:
-                raise InputError(f"--data: there is no benchmark '{kind}', only {', '.join(kinds)}.")
+                raise InputError(
+                    f"--data: there is no benchmark '{kind}', only {', '.join(kinds)}."
+                )
         return replace(
             config,
             benchmarks=tuple(
@@ -163,7 +165,7 @@ def _table(benchmark: str, entries: list[dict]) -> Table:
         table.add_column(shown(heading), justify="right")
     for entry in entries:
         figures = (entry["metrics"].get(key) for key in headings)
-        shown_figures = ("–" if v is None else f"{100 * v:.1f}" for v in figures)
+        shown_figures = ("-" if v is None else f"{100 * v:.1f}" for v in figures)
         table.add_row(shown(entry["setting"]), shown(entry["method"]), *shown_figures)
     return table
 

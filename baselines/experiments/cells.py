@@ -82,7 +82,8 @@ def planned(
                         problem = f"{chosen.benchmark.name} gives no geometry for {pair.name}."
                         cells.append(Cell(*names, pair, None, problem))
                         continue
-                    cells.append(_cell(config, setting, spec, chosen, pair, base, run, store, prints))
+                    where = run, store
+                    cells.append(_cell(config, setting, spec, chosen, pair, base, where, prints))
     return cells
 
 
@@ -132,8 +133,10 @@ def method_config(spec: MethodSpec, setting: Setting, base: DetectConfig, seed: 
 
 def _cell(
     config: ExperimentConfig, setting: Setting, spec: MethodSpec, chosen: Chosen,
-    pair: BenchmarkPair, base: DetectConfig, run: Path, store: Path, prints: Fingerprints,
+    pair: BenchmarkPair, base: DetectConfig, where: tuple[Path, Path],
+    prints: Fingerprints,
 ) -> Cell:  # fmt: skip
+    run, store = where
     names = spec.name, setting.name, chosen.benchmark.name
     own = method_config(spec, setting, base, config.seed)
     known = pair.known_geometry if setting.geometry == "known" else None
@@ -155,10 +158,10 @@ def _cell(
     key = digest(
         version("scenediff-classic"), spec.registered, text, identity, files, sorted(config.share)
     )
-    where = place(setting.name, spec.name, chosen.benchmark.name, pair.name)
+    below = place(setting.name, spec.name, chosen.benchmark.name, pair.name)
     task = Detect(
         key=key, label=f"{setting.name} / {spec.name} / {pair.name}", prepare=prepare,
         method=spec.registered, config=own, seed=config.seed, share=config.share,
-        out=run / "results" / where, record=run / "records" / where.with_name(f"{pair.name}.json"),
+        out=run / "results" / below, record=run / "records" / below.with_name(f"{pair.name}.json"),
     )  # fmt: skip
     return Cell(*names, pair, task)

@@ -7,7 +7,6 @@ from typing import Any
 
 from baselines.experiments.config import BenchmarkSpec
 from data_tools.benchmarks.benchmark import Benchmark, BenchmarkPair
-from data_tools.benchmarks.named import open_benchmark
 from scenediff_classic.errors import InputError
 
 
@@ -50,6 +49,8 @@ def _opened(spec: BenchmarkSpec) -> Benchmark[Any]:
     module, _, attribute = spec.kind.partition(":")
     try:
         if not attribute:
+            from data_tools.benchmarks.named import open_benchmark
+
             return open_benchmark(spec.kind, spec.root, **spec.options)
         opener = getattr(importlib.import_module(module), attribute)
         return opener(spec.root, **spec.options)

@@ -122,7 +122,9 @@ def compared_tables(found: list[Compared]) -> Iterator[Table]:
         table.add_column("pairs better")
         table.add_column("pairs worse")
         for key, d in item.differences.items():
-            interval = "" if d.interval is None else " to ".join(f"{100 * v:+.1f}" for v in d.interval)
+            interval = (
+                "" if d.interval is None else " to ".join(f"{100 * v:+.1f}" for v in d.interval)
+            )
             style = "bold" if d.clear else ""
             table.add_row(
                 shown(item.headings.get(key, key)), _percent(d.first), _percent(d.second),
@@ -164,7 +166,7 @@ def as_json(found: list[Compared], first: Path, second: Path) -> dict[str, Any]:
 
 
 def _percent(value: float | None, sign: str = "") -> str:
-    return "–" if value is None else f"{100 * value:{sign}.1f}"
+    return "-" if value is None else f"{100 * value:{sign}.1f}"
 
 
 def _listed(pairs: tuple[str, ...], positions: tuple[int, ...]) -> str:

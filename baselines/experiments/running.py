@@ -155,9 +155,7 @@ def _write(
     return written
 
 
-def _begin(
-    config: ExperimentConfig, benchmarks: Sequence[Chosen], run: Path, started: str
-) -> None:
+def _begin(config: ExperimentConfig, benchmarks: Sequence[Chosen], run: Path, started: str) -> None:
     before = read_json(run / "experiment.json") or {}
     times = {"started": before.get("started") or started, "finished": None}
     _write_json(run / "experiment.json", {**_about(config, benchmarks), **times})

@@ -1,4 +1,4 @@
-"""Figures of every method in every setting, judged again only where an answer or a truth changed."""
+"""Figures of every method in every setting; judged again only where answers or truth changed."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -92,9 +92,7 @@ def _figures(
     }
 
 
-def _key(
-    own: Sequence[Answer], chosen: Chosen, prints: Fingerprints, draws: int, seed: int
-) -> str:
+def _key(own: Sequence[Answer], chosen: Chosen, prints: Fingerprints, draws: int, seed: int) -> str:
     parts = [
         (
             cell.pair.name, cell.pair.group, cell.task.key if cell.task else None, outcome.status,

@@ -64,10 +64,8 @@ class Fingerprints:
         ]
         key = digest(str(path.resolve()), stamps)
         if key not in self._known:
-            folders = sorted({p.parent for p in below} | {path})
-            found = [f"{p.relative_to(path)}\0{fingerprint(p)}" for p in folders if p.exists()]
-            if not found:
-                fingerprint(path)  # says what is missing
+            folders = {path, *(p.parent for p in below)} if path.is_dir() else {path}
+            found = [f"{p.relative_to(path)}\0{fingerprint(p)}" for p in sorted(folders)]
             self._known[key] = digest(found)
             self._changed = True
         return self._known[key]
@@ -220,7 +218,9 @@ def _kept(
         return found
     start = time.perf_counter()
     made = make()
-    save_npz(path, compress=what == "regions", **made, seconds=np.array(time.perf_counter() - start))
+    save_npz(
+        path, compress=what == "regions", **made, seconds=np.array(time.perf_counter() - start)
+    )
     return made
 
 
