@@ -132,11 +132,11 @@ def _produce(
     info = RunInfo(
         command=command,
         config=settings,
-        versions=_versions(),
+        versions=versions(),
         seed=seed,
         stage_seconds=evidence.stage_seconds,
         peak_memory_bytes=_peak_memory(),
-        git_commit=_git_commit(),
+        git_commit=git_commit(),
         fingerprint=run.fingerprint,
     )
     progress("write", 0, 4)
@@ -154,7 +154,7 @@ def _produce(
     return result
 
 
-def _versions() -> Mapping[str, str]:
+def versions() -> Mapping[str, str]:
     found = {"python": sys.version.split()[0], **{name: version(name) for name in _PACKAGES}}
     with suppress(PackageNotFoundError):
         found["transformers"] = version("transformers")  # an extra
@@ -166,7 +166,7 @@ def _peak_memory() -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
 
 
-def _git_commit() -> str | None:
+def git_commit() -> str | None:
     """Commit of the checkout that this very file belongs to, if it is one."""
     folder = Path(__file__).resolve().parent
     if not (folder.parent / ".git").exists():

@@ -6,6 +6,7 @@ killed run continues, and rows of a table that share a stage share its file.
 
 import hashlib
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from importlib.metadata import version
@@ -22,6 +23,7 @@ from scenediff_classic.change.scoring import (
     reweighted,
     score_changes,
 )
+from scenediff_classic.detection_run import CaptureOptions
 from scenediff_classic.geometry.store import SavedGeometry, load_geometry, save_geometry
 from scenediff_classic.pipeline import DetectConfig
 from scenediff_classic.protocols import GeometryEstimator, Progress, silent
@@ -63,9 +65,27 @@ class DerivedGeometry(Protocol):
 class PairStages:
     """The stages of one pair; what was asked for once stays in memory."""
 
-    def __init__(self, pair: Path, folder: Path, progress: Progress = silent) -> None:
-        """Read the pair's captures from `pair`, keep its stages in `folder`."""
+    def __init__(
+        self,
+        pair: Path,
+        folder: Path,
+        progress: Progress = silent,
+        captures: tuple[CaptureOptions, CaptureOptions] | None = None,
+        identity: Sequence[str] | None = None,
+    ) -> None:
+        """Read the pair's captures, keep its stages in `folder`.
+
+        Parameters
+        ----------
+        pair : Path
+            A rendered pair; otherwise any path whose place must make no difference to `key`.
+        captures, identity
+            The captures and `identity`, where it is no rendered pair.
+        """
         self.pair = pair
+        self._given = captures
+        if identity is not None:
+            self.identity = [version("scenediff-classic"), *identity]
         self._folder = folder
         self._progress = progress
         self._geometries: dict[str, Geometry] = {}
@@ -76,6 +96,9 @@ class PairStages:
     @cached_property
     def captures(self) -> tuple[Capture, Capture]:
         """Before and after."""
+        if self._given is not None:
+            first, second = self._given
+            return first.read("before", self._progress), second.read("after", self._progress)
         before, after = (read_capture(self.pair / video, video) for video in VIDEOS)
         return before, after
 
@@ -95,7 +118,7 @@ class PairStages:
             Name of the folder in which the source of geometry keeps its own finished work; the
             same layout as a workspace of `pipeline.detect_changes`.
         """
-        geometry = normalised(self._geometry(config.geometry, workspace))
+        geometry = normalised(self.geometry(config.geometry, workspace))
         regions = self._proposed(config, geometry)
         scores = self._scored(config, geometry, regions)
         return Stages(geometry, regions, scores)
@@ -105,13 +128,17 @@ class PairStages:
         text = json.dumps([json_ready(option) for option in options], sort_keys=True)
         return digest(self.identity, text.replace(json.dumps(str(self.pair))[1:-1], "<pair>"))
 
-    def _geometry(self, source: GeometryEstimator, workspace: str) -> Geometry:
-        """As the source gives it, in its own unit."""
+    def geometry_folder(self, source: GeometryEstimator) -> Path:
+        """Where the geometry of a source is kept once it is finished."""
+        return self._folder / f"geometry-{self.key(source)}"
+
+    def geometry(self, source: GeometryEstimator, workspace: str) -> Geometry:
+        """As the source gives it, in its own unit; see `__call__` for the workspace."""
         key = self.key(source)
         if key in self._failures:  # it would fail the same way for every row
             raise self._failures[key]
         if key not in self._geometries:
-            folder = self._folder / f"geometry-{key}"
+            folder = self.geometry_folder(source)
             try:
                 if SavedGeometry.found_in(folder):
                     found = load_geometry(folder, *self.captures)
@@ -126,7 +153,7 @@ class PairStages:
 
     def _estimated(self, source: GeometryEstimator, workspace: str) -> Geometry:
         if isinstance(source, DerivedGeometry):
-            return source.derived(self._geometry(source.estimated, workspace), *self.captures)
+            return source.derived(self.geometry(source.estimated, workspace), *self.captures)
         scratch = self._folder / workspace
         scratch.mkdir(parents=True, exist_ok=True)
         return source(*self.captures, scratch, self._progress)

@@ -1,0 +1,1 @@
+"""The controlled comparison: the same frames, geometry and scores for every method."""

@@ -1,0 +1,1 @@
+"""One module per detector: how an experiment sets it up."""
