@@ -26,11 +26,20 @@ class Mark:
     kind: Kind
     mask: Bool[np.ndarray, "h w"]
     """At the size of the picture."""
+    tint: Colour | None = None
+    """Where colours stand for something else than the kind."""
+    text: str | None = None
+    """Where it is called something else than its number and kind."""
 
     @property
     def label(self) -> str:
         """What the picture says of the object."""
-        return f"{self.id} {self.kind}"
+        return self.text or f"{self.id} {self.kind}"
+
+    @property
+    def colour(self) -> Colour:
+        """What it is painted in."""
+        return self.tint or KIND_COLOUR[self.kind]
 
 
 def mask_at(view: ObjectView, height: int, width: int) -> Bool[np.ndarray, "h w"]:
@@ -67,12 +76,12 @@ def draw_marks(
     ordered = sorted(marks, key=lambda mark: (-int(mark.mask.sum()), mark.id))
     canvas = image.astype(np.float32)
     for mark in ordered:
-        colour = np.array(KIND_COLOUR[mark.kind], np.float32)
+        colour = np.array(mark.colour, np.float32)
         canvas[mark.mask] = (1 - _FILL) * canvas[mark.mask] + _FILL * colour
     canvas = np.rint(canvas).astype(np.uint8)
     line = max(round(max(image.shape[:2]) / 420), 1)
     for mark in ordered:
-        outline(canvas, mark.mask, KIND_COLOUR[mark.kind], line)
+        outline(canvas, mark.mask, mark.colour, line)
     return _label(canvas, ordered) if labels else canvas
 
 
@@ -108,9 +117,7 @@ def _label(canvas: UInt8[np.ndarray, "h w 3"], marks: list[Mark]) -> UInt8[np.nd
         box = _place(_bounds(mark.mask), size, canvas.shape[1], canvas.shape[0], taken)
         taken.append(box)
         left, top, right, bottom = box
-        draw.rounded_rectangle(
-            (left, top, right - 1, bottom - 1), pad / 2, KIND_COLOUR[mark.kind], INK
-        )
+        draw.rounded_rectangle((left, top, right - 1, bottom - 1), pad / 2, mark.colour, INK)
         draw.text((left + pad, (top + bottom) / 2), text, INK, font, anchor="lm")
     return np.asarray(picture)
 
