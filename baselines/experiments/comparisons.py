@@ -1,6 +1,6 @@
 """Which tables a run has: who is how good, where, under which setting."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from baselines.experiments.finished import FinishedRun, Score
 from baselines.experiments.intervals import COVERAGE
@@ -195,8 +195,3 @@ def _signed(value: float | None, base: float | None, setting: str, first: str) -
 
 def _first_sentence(text: str) -> str:
     return text.split(". ")[0] + "."
-
-
-def by_metric(run: FinishedRun, benchmark: str) -> Mapping[str, str]:
-    """The figures that get tables of groups and pairs of their own: all of them."""
-    return headings(run, benchmark)

@@ -38,8 +38,8 @@ def statistics_table(run: FinishedRun, benchmark: str, pairs: Sequence[PairPictu
     return Table(
         f"statistics-{benchmark}", "The data", about(run, benchmark),
         tuple(Column(n, number=n not in ("group", "picture")) for n in names), tuple(rows),
-        ("Objects are counted once a pair. Area: share of the picture that an annotated mask covers, "
-         "averaged over all masks in sampled frames.",),
+        ("Objects are counted once a pair. Area: share of the picture that an annotated mask "
+         "covers, averaged over all masks in sampled frames.",),
     )  # fmt: skip
 
 

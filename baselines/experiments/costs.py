@@ -26,8 +26,8 @@ def runtime_table(run: FinishedRun, benchmark: str) -> Table:
                 number(max(memory), 2, 1 / _GB) if memory else NOTHING,
             )
         )  # fmt: skip
-    columns = [Column(n, number=i > 1) for i, n in enumerate(
-        ("method", "setting", "pairs", "mean s", "median s", "longest s", "peak memory GB"))]  # fmt: skip
+    names = ("method", "setting", "pairs", "mean s", "median s", "longest s", "peak memory GB")
+    columns = [Column(name, number=name not in ("method", "setting")) for name in names]
     return Table(
         f"runtime-{benchmark}", "Time and memory", about(run, benchmark, _machine(run)),
         tuple(columns), tuple(rows),

@@ -1,7 +1,7 @@
 """Truth and answers of a pair painted into the frames that see most change."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -27,8 +27,10 @@ from scenediff_classic.report.palette import Colour
 from scenediff_classic.result import read_result
 from scenediff_classic.types import VIDEOS, Capture, ChangeResult, Video
 
-LONG_SIDE = 400
+LONG_SIDE = 320
 """Longer side of the pictures in grids, in pixels."""
+_LETTERS = 16.0
+"""Labels stay legible where six pictures stand side by side."""
 IDENTITY: tuple[Colour, ...] = (
     (255, 176, 0), (86, 180, 233), (0, 200, 140), (240, 228, 66), (224, 130, 190), (250, 110, 60),
     (160, 150, 255), (170, 220, 90),
@@ -71,6 +73,15 @@ class PairPictures:
     def name(self) -> str:
         """The pair's."""
         return self.pair.name
+
+    def emptied(self) -> "PairPictures":
+        """The same without pixels, to be kept while other pairs are read."""
+        blank = np.zeros((1, 1, 3), np.uint8)
+        captures = {
+            video: replace(c, frames=tuple(replace(f, image=blank, ignore=None) for f in c.frames))
+            for video, c in self.captures.items()
+        }
+        return replace(self, captures=captures)
 
     def frame(self, spot: Spot) -> UInt8[np.ndarray, "h w 3"] | None:
         """A reduced picture."""
@@ -153,7 +164,7 @@ def truth_picture(pictures: PairPictures, spot: Spot) -> UInt8[np.ndarray, "h w 
     image = pictures.frame(spot)
     if image is None:
         return None
-    return draw_marks(image, tuple(_true_marks(pictures, spot, image.shape[:2])))
+    return draw_marks(image, tuple(_true_marks(pictures, spot, image.shape[:2])), letters=_LETTERS)
 
 
 def answer_picture(
@@ -178,8 +189,7 @@ def answer_picture(
         name = "?" if true is None else letter_of(true)
         mask = mask_at(view, height, width)
         marks.append(Mark(position, thing.kind, mask, tint, f"{name} {thing.kind}"))
-    canvas = draw_marks(image, tuple(marks))
-    canvas = canvas.copy()
+    canvas = draw_marks(image, tuple(marks), letters=_LETTERS).copy()
     for mark in _true_marks(pictures, spot, (height, width)):
         if mark.id not in answer.found.values():
             outline(canvas, mark.mask, mark.colour, 1)

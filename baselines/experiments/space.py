@@ -1,6 +1,6 @@
 """A pair in space: the 3D view of the page, and cameras and objects from above."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 

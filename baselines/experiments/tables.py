@@ -138,7 +138,7 @@ def to_latex(table: Table) -> str:
     caption = _sentences((table.title, table.about, *table.notes))
     lines = [
         r"\begin{table}", r"\centering", rf"\caption{{{tex(caption)}}}",
-        rf"\label{{tab:{re.sub(r'[^A-Za-z0-9-]+', '-', table.key)}}}",
+        rf"\label{{tab:{stem(table.key)}}}",
         rf"\begin{{tabular}}{{{kinds}}}", r"\toprule",
         " & ".join(tex(column.heading) for column in table.columns) + r" \\", r"\midrule",
         *(" & ".join(_latex(value) for value in row) + r" \\" for row in table.rows),
@@ -179,7 +179,7 @@ def to_html(table: Table) -> str:
     notes = "".join(f'<p class="note">{html_escape(note)}</p>' for note in table.notes)
     title, about = html_escape(table.title), html_escape(table.about)
     return (
-        f'<figure class="table" id="table-{html_escape(table.key)}">\n'
+        f'<figure class="table" id="table-{stem(table.key)}">\n'
         f'<figcaption><b>{title}</b> <span class="about">{about}</span></figcaption>\n'
         f'<div class="scroll" role="region" aria-label="{title}" tabindex="0">\n'
         f"<table><thead><tr>{head}</tr></thead>\n<tbody>\n{body}</tbody></table></div>\n"
@@ -200,6 +200,11 @@ def _html(value: Value, column: Column, *, first: bool) -> str:
     return f"<{tag}{scope}{_side(column)}>{text}</{tag}>"
 
 
+def stem(name: str) -> str:
+    """A name as files, labels and anchors can carry it."""
+    return re.sub(r"[^A-Za-z0-9.]+", "-", name).strip("-.") or "unnamed"
+
+
 def write_table(table: Table, folder: Path) -> list[Path]:
     """Write ``<key>.csv``, ``.tex`` and ``.html`` (a piece for other pages).
 
@@ -211,6 +216,6 @@ def write_table(table: Table, folder: Path) -> list[Path]:
     made = {".csv": to_csv(table), ".tex": to_latex(table), ".html": to_html(table)}
     paths = []
     for suffix, content in made.items():
-        paths.append(folder / f"{table.key}{suffix}")
+        paths.append(folder / f"{stem(table.key)}{suffix}")
         write_atomic(paths[-1], content)
     return paths

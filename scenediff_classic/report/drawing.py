@@ -70,9 +70,19 @@ def views_in(item: ChangedObject, video: Video) -> tuple[ObjectView, ...]:
 
 
 def draw_marks(
-    image: UInt8[np.ndarray, "h w 3"], marks: tuple[Mark, ...], *, labels: bool = True
+    image: UInt8[np.ndarray, "h w 3"],
+    marks: tuple[Mark, ...],
+    *,
+    labels: bool = True,
+    letters: float | None = None,
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """Paint objects over a copy of the picture, large ones first."""
+    """Paint objects over a copy of the picture, large ones first.
+
+    Parameters
+    ----------
+    letters : float, optional
+        Height of the labels' letters in pixels; after the picture's size if left out.
+    """
     ordered = sorted(marks, key=lambda mark: (-int(mark.mask.sum()), mark.id))
     canvas = image.astype(np.float32)
     for mark in ordered:
@@ -82,7 +92,7 @@ def draw_marks(
     line = max(round(max(image.shape[:2]) / 420), 1)
     for mark in ordered:
         outline(canvas, mark.mask, mark.colour, line)
-    return _label(canvas, ordered) if labels else canvas
+    return _label(canvas, ordered, letters) if labels else canvas
 
 
 def outline(
@@ -105,9 +115,12 @@ def stamp(image: UInt8[np.ndarray, "h w 3"], text: str) -> UInt8[np.ndarray, "h 
     return np.asarray(picture)
 
 
-def _label(canvas: UInt8[np.ndarray, "h w 3"], marks: list[Mark]) -> UInt8[np.ndarray, "h w 3"]:
+def _label(
+    canvas: UInt8[np.ndarray, "h w 3"], marks: list[Mark], letters: float | None
+) -> UInt8[np.ndarray, "h w 3"]:
     picture = Image.fromarray(canvas)
-    draw, font, pad = ImageDraw.Draw(picture), _font(canvas), _padding(canvas)
+    font = _font(canvas) if letters is None else ImageFont.load_default(letters)
+    draw, pad = ImageDraw.Draw(picture), _padding(canvas)
     taken: list[_Box] = []
     for mark in marks:
         if not mark.mask.any():
