@@ -6,9 +6,10 @@ from pathlib import Path
 
 from baselines.splat_change.answering import (
     answered,
+    comparisons_of,
     evidence,
     painted_scores,
-    write_comparison,
+    write_comparisons,
 )
 from baselines.splat_change.models import (
     DIRECTIONS,
@@ -111,10 +112,8 @@ def detect_with_3dgs_cd(
     sides = [side for c in (*changes, *moved) for side in (c.before, c.after) if side]
     total = painted_scores([r for side in sides for r in side.regions], geometry)
     feature = forth.differences | back.differences
+    pairs = comparisons_of(geometry, shown, feature, total)
     if pictures is not None:
-        for k, drawn in shown.items():
-            view = geometry.views[k]
-            path = pictures / f"{view.video}_{view.index:04d}.jpg"
-            write_comparison(path, view, drawn.image, feature[k], total[k] > 0)
+        write_comparisons(pictures, geometry, pairs)
     seconds["things"] = time.perf_counter() - start
-    return result, evidence(estimated, geometry, feature, total, seconds)
+    return result, evidence(estimated, geometry, feature, total, seconds, pairs)
