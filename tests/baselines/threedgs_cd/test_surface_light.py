@@ -39,7 +39,9 @@ def test_a_lamp_is_no_difference_and_a_new_thing_is_one() -> None:
     picture[thing] = (60, 40, 170)
     shown = Render(wall(), FLAT, np.ones((HEIGHT, WIDTH), np.float32))
     before = np.abs(shown.image.astype(int) - picture).mean(axis=-1)
-    after = np.abs(relit(captured(picture), shown, SurfaceLightConfig()).image - picture.astype(int))
+    after = np.abs(
+        relit(captured(picture), shown, SurfaceLightConfig()).image - picture.astype(int)
+    )
     after = after.mean(axis=-1)
     away = np.ones((HEIGHT, WIDTH), bool)
     away[20:60, 40:80] = False
