@@ -308,6 +308,20 @@ class ChangeResult:
 
 
 @dataclass(frozen=True)
+class Comparison:
+    """A captured picture, and what a model of the other capture shows from the same camera."""
+
+    view: int
+    """Position in the geometry's views."""
+    captured: UInt8[np.ndarray, "h w 3"]
+    """As it was compared: its size and colours may not be the view's."""
+    rendered: UInt8[np.ndarray, "h w 3"]
+    difference: Float32[np.ndarray, "h w"]
+    """From 0 (none) to 1; NaN where the model knows nothing."""
+    found: Bool[np.ndarray, "h w"]
+
+
+@dataclass(frozen=True)
 class Evidence:
     """What the report shows beside the result; not part of the output contract."""
 
@@ -317,6 +331,8 @@ class Evidence:
     pairs: tuple[tuple[int, int], ...]
     """Positions in `geometry.views` of the (before, after) views that were compared."""
     stage_seconds: dict[str, float] = field(default_factory=dict)
+    comparisons: tuple[Comparison, ...] = ()
+    """Of methods that compare pictures with renders."""
 
 
 PointCloud = Float[np.ndarray, "n 3"]

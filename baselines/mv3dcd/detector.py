@@ -12,9 +12,10 @@ from baselines.mv3dcd.channel import FusionConfig, fused
 from baselines.mv3dcd.cues import CueConfig
 from baselines.splat_change.answering import (
     answered,
+    comparisons_of,
     evidence,
     painted_scores,
-    write_comparison,
+    write_comparisons,
     write_mask,
 )
 from baselines.splat_change.models import DIRECTIONS, ModelConfig, compared, model, prepared
@@ -159,16 +160,16 @@ def detect_with_mv3dcd(
     changes = pair_moves(things, features.similarity, config.moves)
     result = answered(before, after, geometry, changes, config.changed)
     found_at = painted_scores([r for t in things for r in t.regions], geometry)
-    for k in sorted(change):
-        view = geometry.views[k]
-        name = f"{view.video}_{view.index:04d}"
-        if pictures is not None:
-            path = pictures / f"{name}.jpg"
-            write_comparison(path, view, shown[k].image, change[k], found_at[k] > 0)
-        if symmetric is not None:
-            write_mask(symmetric / f"{name}.png", symmetric_mask(change[k], config.changed))
+    pairs = comparisons_of(geometry, shown, change, found_at)
+    if pictures is not None:
+        write_comparisons(pictures, geometry, pairs)
+    if symmetric is not None:
+        for k in sorted(change):
+            view = geometry.views[k]
+            path = symmetric / f"{view.video}_{view.index:04d}.png"
+            write_mask(path, symmetric_mask(change[k], config.changed))
     seconds["objects"] = time.perf_counter() - start
-    return result, evidence(estimated, geometry, cues, change, seconds)
+    return result, evidence(estimated, geometry, cues, change, seconds, pairs)
 
 
 def symmetric_mask(change: Float[np.ndarray, "h w"], level: float) -> Bool[np.ndarray, "h w"]:

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Float32, UInt8
+from jaxtyping import Bool, Float, Float32
 
+from baselines.splat_change.models import Render
 from scenediff_classic.change.changed_regions import ChangedRegion
 from scenediff_classic.change.describe import ConfidenceConfig
 from scenediff_classic.change.moves import Change
@@ -15,10 +16,12 @@ from scenediff_classic.change.scale import rescaled
 from scenediff_classic.change.visibility import VisibilityConfig, pair_views
 from scenediff_classic.errors import OutputError
 from scenediff_classic.pipeline import answer
+from scenediff_classic.report.comparisons import difference_top, panels
 from scenediff_classic.types import (
     Capture,
     ChangedObject,
     ChangeResult,
+    Comparison,
     Evidence,
     Geometry,
     ScoreMaps,
@@ -68,6 +71,7 @@ def evidence(
     feature: Mapping[int, Float[np.ndarray, "h w"]],
     total: Mapping[int, Float[np.ndarray, "h w"]],
     seconds: dict[str, float],
+    comparisons: Sequence[Comparison],
 ) -> Evidence:
     """Maps of some views, by position, at the size of the estimated geometry's views."""
     maps = []
@@ -76,7 +80,21 @@ def evidence(
         difference, score = (_enlarged(m.get(k), view) for m in (feature, total))
         maps.append(ScoreMaps(unknown, difference, unknown, score))
     world = estimated if estimated.unit == 1 else rescaled(estimated, 1 / estimated.unit)
-    return Evidence(world, tuple(maps), pair_views(geometry, VisibilityConfig()), seconds)
+    pairs = pair_views(geometry, VisibilityConfig())
+    return Evidence(world, tuple(maps), pairs, seconds, tuple(comparisons))
+
+
+def comparisons_of(
+    geometry: Geometry,
+    shown: Mapping[int, Render],
+    difference: Mapping[int, Float32[np.ndarray, "h w"]],
+    found: Mapping[int, Float[np.ndarray, "h w"]],
+) -> tuple[Comparison, ...]:
+    """What was compared, by position of the view; what has a score above 0 was found."""
+    return tuple(
+        Comparison(k, geometry.views[k].image, shown[k].image, difference[k], found[k] > 0)
+        for k in sorted(shown)
+    )
 
 
 def painted_scores(
@@ -90,26 +108,19 @@ def painted_scores(
     return out
 
 
-def write_comparison(
-    path: Path,
-    view: View,
-    rendered: UInt8[np.ndarray, "h w 3"],
-    found: Float[np.ndarray, "h w"],
-    mask: Bool[np.ndarray, "h w"],
-) -> None:
-    """Captured, rendered, how much differs (white = 1) and what was found, side by side.
+def write_comparisons(folder: Path, geometry: Geometry, comparisons: Sequence[Comparison]) -> None:
+    """A picture for each: captured, rendered, how much differs, what was found, side by side.
 
     Raises
     ------
     OutputError
-        If the picture cannot be written.
+        If a picture cannot be written.
     """
-    grey = np.rint(np.nan_to_num(found).clip(0, 1) * 255).astype(np.uint8)
-    outlined = view.image.copy()
-    contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-    cv2.drawContours(outlined, contours, -1, (255, 0, 0), 2)
-    row = np.hstack([view.image, rendered, np.dstack([grey] * 3), outlined])
-    _written(path, row[..., ::-1])
+    top = difference_top(comparisons)
+    for one in comparisons:
+        view = geometry.views[one.view]
+        row = np.hstack(panels(one, top))
+        _written(folder / f"{view.video}_{view.index:04d}.jpg", row[..., ::-1])
 
 
 def write_mask(path: Path, mask: Bool[np.ndarray, "h w"]) -> None:

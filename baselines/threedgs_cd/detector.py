@@ -6,9 +6,10 @@ from pathlib import Path
 
 from baselines.splat_change.answering import (
     answered,
+    comparisons_of,
     evidence,
     painted_scores,
-    write_comparison,
+    write_comparisons,
 )
 from baselines.splat_change.models import (
     DIRECTIONS,
@@ -22,6 +23,7 @@ from baselines.splat_change.segmenting import GrabCutBoxes
 from baselines.threedgs_cd.merging import MergeConfig, as_published, merged
 from baselines.threedgs_cd.occupancy import OccupancyConfig, carved
 from baselines.threedgs_cd.searching import Found, SearchConfig, searched
+from baselines.threedgs_cd.surface_light import SurfaceLightConfig, relit
 from scenediff_classic.geometry.from_pictures import GeometryFromPictures
 from scenediff_classic.protocols import GeometryEstimator, Progress, silent
 from scenediff_classic.types import VIDEOS, Capture, ChangeResult, Evidence, Video
@@ -33,6 +35,9 @@ class ThreedgsCdConfig:
 
     geometry: GeometryEstimator = field(default_factory=GeometryFromPictures)
     models: ModelConfig = field(default_factory=ModelConfig)
+    light: SurfaceLightConfig | None = field(default_factory=SurfaceLightConfig)
+    """Renders are put in the picture's light before they are compared; None = compared as they are,
+    as published."""
     search: SearchConfig = field(default_factory=SearchConfig)
     merge: MergeConfig = field(default_factory=MergeConfig)
     occupancy: OccupancyConfig | None = None
@@ -53,7 +58,7 @@ def published(config: ThreedgsCdConfig) -> ThreedgsCdConfig:
         search.association, near=float("inf"), could_see=False, fullest_only=True, late=False
     )
     search = SearchConfig(differences, association, replace(search.poses, still=0.0, alike=0.0))
-    return replace(config, search=search, both_outputs=True)
+    return replace(config, light=None, search=search, both_outputs=True)
 
 
 def detect_with_3dgs_cd(
@@ -89,7 +94,10 @@ def detect_with_3dgs_cd(
     shown = {}
     for now, other in DIRECTIONS:
         ids = compared(geometry, now, config.models.every)
-        drawn = renders(gaussians[other], [geometry.views[k] for k in ids])
+        views = [geometry.views[k] for k in ids]
+        drawn = renders(gaussians[other], views)
+        if config.light is not None:
+            drawn = [relit(v, r, config.light) for v, r in zip(views, drawn, strict=True)]
         here = dict(zip(ids, drawn, strict=True))
         found[now] = searched(geometry, here, config.search, progress)
         shown |= here
@@ -111,10 +119,8 @@ def detect_with_3dgs_cd(
     sides = [side for c in (*changes, *moved) for side in (c.before, c.after) if side]
     total = painted_scores([r for side in sides for r in side.regions], geometry)
     feature = forth.differences | back.differences
+    pairs = comparisons_of(geometry, shown, feature, total)
     if pictures is not None:
-        for k, drawn in shown.items():
-            view = geometry.views[k]
-            path = pictures / f"{view.video}_{view.index:04d}.jpg"
-            write_comparison(path, view, drawn.image, feature[k], total[k] > 0)
+        write_comparisons(pictures, geometry, pairs)
     seconds["things"] = time.perf_counter() - start
-    return result, evidence(estimated, geometry, feature, total, seconds)
+    return result, evidence(estimated, geometry, feature, total, seconds, pairs)

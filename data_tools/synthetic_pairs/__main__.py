@@ -12,6 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from data_tools.synthetic_pairs.export import write_pair
 from data_tools.synthetic_pairs.scene import HardCase, PairSpec
 from data_tools.synthetic_pairs.splits import Split, numbered_specs, split_specs
+from data_tools.synthetic_pairs.trajectory import Trajectories
 from scenediff_classic.errors import InputError, SceneDiffError
 
 
@@ -36,6 +37,9 @@ class Options:
     rigid_motion: Literal[0, 1, 2, 3] = 0
     """Instead of other changes, things move by one rigid motion: 1 = table, rug and all on them;
     2 = the sideboard and what is on and before it, too; 3 = also the pictures and the shelf."""
+    trajectories: Trajectories = "diverging"
+    """Where the after-cameras are: on an arc of their own, or between those of the before-walk. The
+    scene, its changes and the before frames are the same."""
 
 
 def specs_of(options: Options) -> tuple[PairSpec, ...]:
@@ -63,6 +67,7 @@ def specs_of(options: Options) -> tuple[PairSpec, ...]:
         options.height,
         options.hard_case,
         options.rigid_motion,
+        options.trajectories,
     )
 
 

@@ -183,6 +183,9 @@ def _write_truth(scene: Scene, shots: list[Shot], folder: Path) -> None:
         kind=np.array(kinds),
     )
     about = {"scene_type": "synthetic", "fps": 1, **asdict(scene.spec)}
+    # other pairs keep their files bit for bit
     if not scene.spec.rigid_motion:
-        del about["rigid_motion"]  # other pairs keep their files bit for bit
+        del about["rigid_motion"]
+    if scene.spec.trajectories == "diverging":
+        del about["trajectories"]
     (folder / "metadata.json").write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")

@@ -1,6 +1,6 @@
 """A whole pair before it is rendered: room, things, cameras, light and sensors."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -16,7 +16,12 @@ from data_tools.synthetic_pairs.room import CEILING, WINDOW_HEIGHT, Room, Suppor
 from data_tools.synthetic_pairs.sensor import Sensor
 from data_tools.synthetic_pairs.styles import TEST, VAL, Style
 from data_tools.synthetic_pairs.tracer import Camera, Tracer
-from data_tools.synthetic_pairs.trajectory import cameras_along, plan_walks
+from data_tools.synthetic_pairs.trajectory import (
+    Trajectories,
+    cameras_along,
+    cameras_between,
+    plan_walks,
+)
 from scenediff_classic.types import VIDEOS, Kind, Video
 
 HardCase = Literal[
@@ -49,6 +54,8 @@ class PairSpec:
     """Side of the wall and floor textures in pixels; objects have an eighth of it."""
     rigid_motion: int = 0
     """Nothing changes but this: so many of `rigid_motion.GROUPS` move by one rigid motion."""
+    trajectories: Trajectories = "diverging"
+    """The same scene either way; only the after-cameras differ."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,10 +110,11 @@ def compose(spec: PairSpec) -> Scene:
         if items is None:
             continue
         if spec.rigid_motion:
-            return Scene(spec, *moved_together(room, items, spec.rigid_motion), *plans)
+            scene = Scene(spec, *moved_together(room, items, spec.rigid_motion), *plans)
+            return _interpolating(scene) if spec.trajectories == "interpolating" else scene
         scene = Scene(spec, room, items, *plans)
-        if _changes_show(scene):
-            return scene
+        if _changes_show(scene):  # on diverging walks, whichever are asked for
+            return _interpolating(scene) if spec.trajectories == "interpolating" else scene
     raise RuntimeError(f"no arrangement of pair {spec.name!r} shows all its changes")
 
 
@@ -207,6 +215,12 @@ def _captures(spec: PairSpec, room: Room) -> tuple[CapturePlan, CapturePlan]:
         sensor = Sensor(exposure, balance, rng.uniform(0.006, 0.012), rng.uniform(0.4, 0.6), 0.18)
         plans.append(CapturePlan(video, cameras, lighting, sensor))
     return plans[0], plans[1]
+
+
+def _interpolating(scene: Scene) -> Scene:
+    rng = _rng(scene.spec, "between")
+    cameras = cameras_between(scene.before.cameras, scene.after.cameras, rng)
+    return replace(scene, after=replace(scene.after, cameras=cameras))
 
 
 def _lighting(rng: Rng, room: Room, lamp: float, sun: float) -> Lighting:

@@ -3,6 +3,7 @@
 from typing import Literal
 
 from data_tools.synthetic_pairs.scene import HardCase, PairSpec
+from data_tools.synthetic_pairs.trajectory import Trajectories
 
 Split = Literal["demo", "tiny", "val", "test"]
 
@@ -62,6 +63,7 @@ def numbered_specs(
     height: int,
     hard: tuple[HardCase, ...],
     rigid_motion: int = 0,
+    trajectories: Trajectories = "diverging",
 ) -> tuple[PairSpec, ...]:
     """Pairs outside the named splits, from the families of ``val``."""
     return tuple(
@@ -75,6 +77,7 @@ def numbered_specs(
             close=k % 2 == 0,
             texture_size=2048 if width > 400 else 1024,
             rigid_motion=rigid_motion,
+            trajectories=trajectories,
         )
         for k in range(scenes)
     )

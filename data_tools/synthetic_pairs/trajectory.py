@@ -1,9 +1,12 @@
 """Hand-held walks round the table: where the camera is at each second."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float64
+from scipy.spatial.transform import Rotation, Slerp
 
 from data_tools.synthetic_pairs.canvas import Rng
 from data_tools.synthetic_pairs.room import Room
@@ -11,6 +14,9 @@ from data_tools.synthetic_pairs.tracer import Camera
 
 WALL_GAP = 0.35
 """Metres that a camera keeps from the walls."""
+
+Trajectories = Literal["diverging", "interpolating"]
+"""Where the after-cameras are: on another arc, or between those of the before-walk."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +71,30 @@ def cameras_along(
         aim = centre + rng.uniform(-0.05, 0.05, 3)
         pose = look_at(eye, aim, roll=np.radians(rng.uniform(-1.5, 1.5)))
         cameras.append(Camera(width, height, intrinsics, pose))
+    return tuple(cameras)
+
+
+def cameras_between(walk: Sequence[Camera], like: Sequence[Camera], rng: Rng) -> tuple[Camera, ...]:
+    """Cameras inside a walk: each between two neighbours of it, held by a hand that trembles less.
+
+    Parameters
+    ----------
+    walk : sequence of Camera
+        At least two.
+    like : sequence of Camera
+        How many there shall be, and their intrinsics; they run along the walk the other way.
+    """
+    poses = np.stack([c.cam_from_world for c in walk])
+    eyes = -np.einsum("nji,nj->ni", poses[:, :3, :3], poses[:, :3, 3])
+    turns = Slerp(np.arange(len(walk)), Rotation.from_matrix(poses[:, :3, :3]))
+    cameras = []
+    for camera, at in zip(like, np.linspace(len(walk) - 1.5, 0.5, len(like)), strict=True):
+        eye = [np.interp(at, np.arange(len(walk)), axis) for axis in eyes.T]
+        eye = np.array(eye) + rng.uniform(-0.01, 0.01, 3)
+        pose = np.eye(4)
+        pose[:3, :3] = turns(at).as_matrix()
+        pose[:3, 3] = -(pose[:3, :3] * eye).sum(axis=1)
+        cameras.append(Camera(camera.width, camera.height, camera.intrinsics, pose))
     return tuple(cameras)
 
 

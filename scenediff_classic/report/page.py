@@ -10,6 +10,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from scenediff_classic.geometry.registration.placement import LOW_CONFIDENCE
+from scenediff_classic.report.comparisons import PANELS, ComparisonRow, comparison_rows
 from scenediff_classic.report.crops import Crop, crops_of
 from scenediff_classic.report.embedded import Picture, embed
 from scenediff_classic.report.heatmaps import Scale, ScoreRow, scales, score_rows
@@ -111,6 +112,8 @@ class _Page:
     pairs: tuple[KeyPair, ...]
     scales: tuple[Scale, ...]
     score_rows: tuple[ScoreRow, ...]
+    panels: tuple[str, ...]
+    comparisons: tuple[ComparisonRow, ...]
     lost: tuple[_Lost, ...]
     placed: tuple[_PlacedCapture, ...]
     low_confidence: float
@@ -199,6 +202,8 @@ def _page(
         pairs=key_pairs(result, evidence, captures, pairs),
         scales=bars,
         score_rows=score_rows(evidence, positions, bars, result.threshold),
+        panels=PANELS,
+        comparisons=comparison_rows(evidence, positions),
         lost=(*_lost("before", result.before), *_lost("after", result.after)),
         placed=tuple(c for v in VIDEOS if (c := _placed(v, _info(result, v))).frames),
         low_confidence=LOW_CONFIDENCE,

@@ -3,9 +3,12 @@
 ``python -m tests.benchmarks.splatting`` renders a room (24 frames of 320x240), holds out every
 eighth frame, trains on the others from the depth that stereo finds in them, and prints the PSNR of
 the held-out frames, the error of the rendered depth, and what an iteration costs;
+``--photos FOLDER`` does the same with real pictures, whose cameras are found first, all in one;
+``--plain`` also trains without what makes an iteration cheap, to see what that costs in quality;
 ``--speed`` prints how the cost grows with Gaussians and pixels, and the share of each step.
 """
 
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -25,9 +28,12 @@ from baselines.gaussian_splatting.rasterizer import _project, render
 from baselines.gaussian_splatting.train import TrainConfig, Trained, TrainProgress, train
 from data_tools.synthetic_pairs.export import write_pair
 from data_tools.synthetic_pairs.scene import PairSpec
+from scenediff_classic.errors import SceneDiffError
+from scenediff_classic.geometry.registration.structure_from_motion import StructureFromMotion
 from scenediff_classic.geometry.stereo.multi_view import MultiViewStereo
 from scenediff_classic.protocols import silent
-from scenediff_classic.types import Geometry, SparsePoints, View
+from scenediff_classic.types import Capture, Frame, Geometry, SparsePoints, Video, View
+from scenediff_classic.video import read_capture
 from tests.benchmarks.stereo import Truth, rendered_capture
 from tests.geometry.textured_room import room
 
@@ -43,7 +49,7 @@ class Quality:
     psnr: float
     """Mean over the frames, in dB."""
     depth_error: float
-    """Median relative error of the rendered depth, in percent of the true one."""
+    """Median relative error of the rendered depth, in percent of the true one; NaN if unknown."""
     depth_known: float
     """Share of the pixels with rendered depth, in percent."""
 
@@ -59,7 +65,8 @@ def quality(gaussians: Gaussians, views: Sequence[View], truth: Truth) -> Qualit
         error = np.abs(drawn.depth.numpy() / depth - 1)[np.isfinite(depth)]
         errors.append(error[np.isfinite(error)])
         known.append(float(np.mean(np.isfinite(error))))
-    median = float(np.median(np.concatenate(errors)))
+    pooled = np.concatenate(errors)
+    median = float(np.median(pooled)) if len(pooled) else float("nan")
     return Quality(float(np.mean(ratios)), 100 * median, 100 * float(np.mean(known)))
 
 
@@ -76,6 +83,36 @@ def part_of(geometry: Geometry, chosen: Sequence[int]) -> Geometry:
     seen = np.c_[seen[:, 0], place[seen[:, 1]]][place[seen[:, 1]] >= 0]
     points = SparsePoints(geometry.points.xyz, geometry.points.rgb, seen)
     return Geometry(tuple(geometry.views[i] for i in chosen), points)
+
+
+def registered_photos(folder: Path, width: int) -> tuple[Geometry, list[int]]:
+    """The pictures of a folder with cameras found from all of them, and which are held out.
+
+    Raises
+    ------
+    InputError
+        If there are no pictures, or they cannot be registered.
+    """
+    frames = read_capture(folder, "before").frames
+    hidden = set(held_out(len(frames)))
+    parts: dict[Video, list[Frame]] = {"before": [], "after": []}
+    for k, frame in enumerate(frames):  # those held out are a capture of their own
+        video: Video = "after" if k in hidden else "before"
+        part = parts[video]
+        part.append(replace(frame, video=video, index=len(part)))
+    captures = [Capture(video, str(folder), tuple(part)) for video, part in parts.items()]
+    with tempfile.TemporaryDirectory() as work:
+        found = StructureFromMotion(long_side=width)(*captures, Path(work))
+    return found, [k for k, view in enumerate(found.views) if view.video == "after"]
+
+
+def plain(config: TrainConfig) -> dict[str, TrainConfig]:
+    """The schedule without its short cuts: every iteration at full size, and with all harmonics."""
+    full = replace(config, coarse=())
+    return {
+        "full size throughout": full,
+        "full size, degree 3 from the start": replace(full, degree=3, degree_every=1),
+    }
 
 
 def starting_points(geometry: Geometry, start: Start, most: int) -> Points:
@@ -187,6 +224,10 @@ class Options:
 
     speed: bool = False
     """Only what an iteration costs."""
+    plain: bool = False
+    """Also train without what makes an iteration cheap."""
+    photos: Path | None = None
+    """A folder of pictures of one place instead of rendered ones."""
     pair: Path | None = None
     """A rendered pair (`data_tools.synthetic_pairs`) instead of the one that is made."""
     frames: int = 24
@@ -202,6 +243,34 @@ def main(options: Options) -> None:
     if options.speed:
         speed()
         return
+    geometry, truth, hidden = measured_capture(options)
+    shown = [i for i in range(len(truth)) if i not in hidden]
+    seen = part_of(geometry, shown)
+    began = time.monotonic()
+    points = starting_points(seen, options.start, options.most)
+    print(f"{len(shown)} views of {seen.views[0].shape[1]}x{seen.views[0].shape[0]}")
+    print(f"{len(points.xyz)} points from {options.start}: {time.monotonic() - began:.0f} s")
+
+    def report(at: TrainProgress) -> None:
+        if at.iteration % 100 == 0:
+            print(at, flush=True)
+
+    runs = {"as configured": options.train, **(plain(options.train) if options.plain else {})}
+    for title, config in runs.items():
+        result, cost = trained(seen, points, config, report)
+        print(f"{title}: {cost.cpu_s:.3f} CPU s an iteration, {cost.wall_s:.0f} s in all")
+        rows = [("trained on", shown), ("held out", hidden), ("held out, inside", hidden[1:])]
+        for name, chosen in rows:
+            views, depths = [geometry.views[i] for i in chosen], [truth[i] for i in chosen]
+            print(f"{name:>16}: {quality(result.gaussians, views, depths)}", flush=True)
+    print(f"{time.process_time():.0f} CPU s in all")
+
+
+def measured_capture(options: Options) -> tuple[Geometry, Truth, list[int]]:
+    """Views with cameras, their true depth (NaN where none is known), and which are held out."""
+    if options.photos is not None:
+        geometry, hidden = registered_photos(options.photos, options.width)
+        return geometry, tuple(np.full_like(v.depth, np.nan) for v in geometry.views), hidden
     with tempfile.TemporaryDirectory() as folder:
         pair = options.pair
         if pair is None:
@@ -212,23 +281,7 @@ def main(options: Options) -> None:
             write_pair(spec, Path(folder))
             pair = Path(folder) / spec.name
         geometry, truth = rendered_capture(pair, width=options.width)
-    hidden = held_out(len(truth))
-    shown = [i for i in range(len(truth)) if i not in hidden]
-    seen = part_of(geometry, shown)
-    began = time.monotonic()
-    points = starting_points(seen, options.start, options.most)
-    print(f"{len(points.xyz)} points from {options.start}: {time.monotonic() - began:.0f} s")
-
-    def report(at: TrainProgress) -> None:
-        if at.iteration % 100 == 0:
-            print(at, flush=True)
-
-    result, cost = trained(seen, points, options.train, report)
-    print(f"{cost.cpu_s:.3f} CPU s an iteration, {cost.wall_s:.0f} s in all")
-    rows = [("trained on", shown), ("held out", hidden), ("held out, inside", hidden[1:])]
-    for name, chosen in rows:
-        views, depths = [geometry.views[i] for i in chosen], [truth[i] for i in chosen]
-        print(f"{name:>16}: {quality(result.gaussians, views, depths)}")
+    return geometry, truth, held_out(len(truth))
 
 
 def test_a_rendered_room_is_learned_and_costs_are_counted() -> None:
@@ -262,4 +315,7 @@ def test_the_wall_is_covered_and_its_steps_take_time() -> None:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Options))
+    try:
+        main(tyro.cli(Options))
+    except SceneDiffError as error:
+        sys.exit(f"Error: {error}")

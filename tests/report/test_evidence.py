@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from scenediff_classic.cameras import camera_centre, unproject
+from scenediff_classic.report.comparisons import PANELS, comparison_rows, difference_top, panels
 from scenediff_classic.report.crops import best_view, box_corners, crops_of
 from scenediff_classic.report.heatmaps import TERMS, scales, score_rows
 from scenediff_classic.report.keyframes import choose_pairs, key_pairs
 from scenediff_classic.report.palette import heat, heat_gradient
 from scenediff_classic.report.viewer import scene_json
-from scenediff_classic.types import Evidence, Geometry, ScoreMaps, SparsePoints
+from scenediff_classic.types import Comparison, Evidence, Geometry, ScoreMaps, SparsePoints
 from tests.report.example import Example, example
 
 
@@ -291,3 +292,30 @@ def test_only_videos_have_trails(made: Example) -> None:
     result = replace(made.result, after=replace(made.result.after, frames=photos))
     trails = json.loads(scene_json(result, made.evidence.geometry))["trails"]
     assert trails == {"before": True, "after": False}
+
+
+# Captured and rendered
+
+
+def test_compared_views_have_all_panels_and_others_none(made: Example) -> None:
+    view = made.evidence.geometry.views[1]
+    difference = np.full(view.shape, 0.2, np.float32)
+    difference[:5] = np.nan
+    found = np.zeros(view.shape, bool)
+    found[10:20, 10:20] = True
+    one = Comparison(1, view.image, 255 - view.image, difference, found)
+    evidence = replace(made.evidence, comparisons=(one,))
+    (row,) = comparison_rows(evidence, (0, 1, 2))
+    assert row.title == f"{view.video} · frame {view.index}"
+    assert [p.alt.split(", ")[-1] for p in row.panels] == list(PANELS)
+    assert len({(p.width, p.height) for p in row.panels}) == 1
+    assert difference_top([one]) == pytest.approx(0.2, abs=1e-6)
+    assert difference_top([]) == pytest.approx(0.05)  # nothing to show is not blown up
+    captured, rendered, heat_map, outlined = panels(one, 0.2)
+    assert captured is view.image
+    assert rendered[0, 0, 0] == 255 - view.image[0, 0, 0]
+    assert len(np.unique(heat_map[8:].reshape(-1, 3), axis=0)) == 1  # one difference, one colour
+    changed = (outlined != view.image).any(axis=-1)
+    assert changed[10:20, 10:20].any()
+    assert not changed[30:].any()
+    assert comparison_rows(made.evidence, (0, 1, 2)) == ()

@@ -10,7 +10,7 @@ import pytest
 
 from scenediff_classic.report import write_report
 from scenediff_classic.report.page import verdict
-from scenediff_classic.types import Capture, Evidence, Geometry, SparsePoints
+from scenediff_classic.types import Capture, Comparison, Evidence, Geometry, SparsePoints
 from tests.report.example import Example, example
 
 VOID = {"meta", "link", "img", "br", "input"}
@@ -182,6 +182,21 @@ def test_no_evidence_at_all(made: Example, tmp_path: Path) -> None:
     html, reader = page_of(bare, tmp_path)
     assert "3 objects changed" in reader.words()
     assert "Score maps" not in html
+    assert "Captured and rendered" not in html
+
+
+def test_captured_and_rendered_pictures(made: Example, tmp_path: Path) -> None:
+    comparisons = tuple(
+        Comparison(k, v.image, v.image, v.depth, np.isfinite(v.depth))
+        for k, v in enumerate(made.evidence.geometry.views)
+    )
+    more = replace(made, evidence=replace(made.evidence, comparisons=comparisons))
+    _, plain = page_of(made, tmp_path)
+    _, reader = page_of(more, tmp_path)
+    assert "captured rendered difference found" in reader.words()
+    strips = [image for image in reader.all("img") if image["alt"].endswith(", rendered")]
+    assert len(strips) == len({image["alt"] for image in strips}) == 6
+    assert len(reader.all("img")) == len(plain.all("img")) + 4 * 6
 
 
 def test_the_same_input_gives_the_same_page(made: Example, tmp_path: Path) -> None:

@@ -78,6 +78,26 @@ def test_the_same_spec_gives_the_same_scene() -> None:
     assert first.before.sensor.white_balance != first.after.sensor.white_balance
 
 
+def test_interpolating_cameras_lie_between_the_others_and_nothing_else_differs() -> None:
+    spec = _small(split_specs("tiny")[0])
+    far, near = compose(spec), compose(replace(spec, trajectories="interpolating"))
+    for item, other in zip(far.items, near.items, strict=True):
+        assert (item.before, item.after) == (other.before, other.after)
+    assert far.after.sensor == near.after.sensor
+    for a, b in zip(far.before.cameras, near.before.cameras, strict=True):
+        np.testing.assert_array_equal(a.cam_from_world, b.cam_from_world)
+    eyes = np.array([camera_centre(c.cam_from_world) for c in near.before.cameras])
+    step = np.linalg.norm(np.diff(eyes, axis=0), axis=1)
+    for camera, there in zip(near.after.cameras, far.after.cameras, strict=True):
+        np.testing.assert_array_equal(camera.intrinsics, there.intrinsics)
+        turn = camera.cam_from_world[:3, :3]
+        np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
+        away = np.sort(np.linalg.norm(eyes - camera_centre(camera.cam_from_world), axis=1))
+        assert away[:2].sum() < step.max() + 0.06  # on the line between two neighbours, or nearly
+        lost = np.linalg.norm(eyes - camera_centre(there.cam_from_world), axis=1)
+        assert lost.min() > away[0]
+
+
 def test_repeated_things_are_alike_and_near_duplicates_almost() -> None:
     base = PairSpec("x", 3, frames=3, width=160, height=120, texture_size=256, close=True)
     for case, alike in (("repeated", True), ("near_duplicate", False)):

@@ -3,11 +3,12 @@
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from baselines.gaussian_splatting.train import TrainConfig
-from baselines.splat_change.answering import write_comparison, write_mask
+from baselines.splat_change.answering import write_comparisons, write_mask
 from baselines.splat_change.models import (
     ModelConfig,
     compared,
@@ -18,7 +19,7 @@ from baselines.splat_change.models import (
     shrunk,
 )
 from scenediff_classic.errors import AlignmentError, OutputError
-from scenediff_classic.types import Geometry, SparsePoints
+from scenediff_classic.types import Comparison, Geometry, SparsePoints
 from tests.baselines.splat_change.scenes import both, seen_by, untrained
 from tests.plane_scene import VASE, scene
 
@@ -110,12 +111,16 @@ def test_new_surfaces_join_the_model() -> None:
 
 
 def test_pictures_are_written(tmp_path: Path) -> None:
-    view = both([VASE], []).views[0]
+    geometry = both([VASE], [])
+    view = geometry.views[0]
     mask = np.zeros(view.shape, bool)
     mask[10:20, 10:20] = True
-    write_comparison(tmp_path / "p" / "a.jpg", view, view.image, mask.astype(float), mask)
+    one = Comparison(0, view.image, view.image, mask.astype(np.float32), mask)
+    write_comparisons(tmp_path / "p", geometry, [one])
+    written = cv2.imread(str(tmp_path / "p" / f"{view.video}_{view.index:04d}.jpg"))
+    assert written is not None
+    assert written.shape == (view.shape[0], 4 * view.shape[1], 3)
     write_mask(tmp_path / "p" / "a.png", mask)
-    assert (tmp_path / "p" / "a.jpg").read_bytes().startswith(b"\xff\xd8")
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError, match="cannot be written"):
         write_mask(tmp_path / "file" / "a.png", mask)
