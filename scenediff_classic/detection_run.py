@@ -22,6 +22,7 @@ from scenediff_classic.protocols import Progress, silent
 from scenediff_classic.report.overlays import write_overlays
 from scenediff_classic.report.page import write_report
 from scenediff_classic.result.run import RunInfo, json_ready, write_run
+from scenediff_classic.result.score_maps import write_scores
 from scenediff_classic.result.writing import write_result
 from scenediff_classic.run_folder import Run, open_run
 from scenediff_classic.types import Capture, ChangeResult, Evidence, Video
@@ -142,6 +143,7 @@ def _produce(
     progress("write", 0, 4)
     save_geometry(evidence.geometry, run.folder / "geometry")
     write_ply(run.folder / "geometry" / "points.ply", fuse(evidence.geometry))
+    write_scores(evidence.geometry.views, evidence.scores, run.folder / "scores")
     progress("write", 1, 4)
     write_overlays(result, *captures, run.folder / "overlays")
     progress("write", 2, 4)

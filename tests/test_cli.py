@@ -278,7 +278,7 @@ def test_a_full_disk_is_explained_and_the_same_call_finishes(
         assert "disk is full" in call(*arguments).complaint
     assert names(tmp_path) == [".out.partial"] * (room > 0) + ["after", "before", "known.npz"]
     assert call(*arguments).code == 0
-    whole = ["changes.json", "geometry", "overlays", "report.html", "run.json"]
+    whole = ["changes.json", "geometry", "overlays", "report.html", "run.json", "scores"]
     assert names(tmp_path / "out") == whole
     assert names(tmp_path) == ["after", "before", "known.npz", "out"]
 

@@ -21,7 +21,7 @@ from scenediff_classic.run_folder import Run
 from tests.command import Call, caller, names
 
 SCHEMA = json.loads((Path(scenediff_classic.__file__).parent / "changes.schema.json").read_bytes())
-WHOLE = ["changes.json", "geometry", "overlays", "report.html", "run.json"]
+WHOLE = ["changes.json", "geometry", "overlays", "report.html", "run.json", "scores"]
 SMALL = ("--preset", "fast", "--long-side", "160")
 
 

@@ -26,11 +26,20 @@ class Mark:
     kind: Kind
     mask: Bool[np.ndarray, "h w"]
     """At the size of the picture."""
+    tint: Colour | None = None
+    """Where colours stand for something else than the kind."""
+    text: str | None = None
+    """Where it is called something else than its number and kind."""
 
     @property
     def label(self) -> str:
         """What the picture says of the object."""
-        return f"{self.id} {self.kind}"
+        return self.text or f"{self.id} {self.kind}"
+
+    @property
+    def colour(self) -> Colour:
+        """What it is painted in."""
+        return self.tint or KIND_COLOUR[self.kind]
 
 
 def mask_at(view: ObjectView, height: int, width: int) -> Bool[np.ndarray, "h w"]:
@@ -61,19 +70,29 @@ def views_in(item: ChangedObject, video: Video) -> tuple[ObjectView, ...]:
 
 
 def draw_marks(
-    image: UInt8[np.ndarray, "h w 3"], marks: tuple[Mark, ...], *, labels: bool = True
+    image: UInt8[np.ndarray, "h w 3"],
+    marks: tuple[Mark, ...],
+    *,
+    labels: bool = True,
+    letters: float | None = None,
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """Paint objects over a copy of the picture, large ones first."""
+    """Paint objects over a copy of the picture, large ones first.
+
+    Parameters
+    ----------
+    letters : float, optional
+        Height of the labels' letters in pixels; after the picture's size if left out.
+    """
     ordered = sorted(marks, key=lambda mark: (-int(mark.mask.sum()), mark.id))
     canvas = image.astype(np.float32)
     for mark in ordered:
-        colour = np.array(KIND_COLOUR[mark.kind], np.float32)
+        colour = np.array(mark.colour, np.float32)
         canvas[mark.mask] = (1 - _FILL) * canvas[mark.mask] + _FILL * colour
     canvas = np.rint(canvas).astype(np.uint8)
     line = max(round(max(image.shape[:2]) / 420), 1)
     for mark in ordered:
-        outline(canvas, mark.mask, KIND_COLOUR[mark.kind], line)
-    return _label(canvas, ordered) if labels else canvas
+        outline(canvas, mark.mask, mark.colour, line)
+    return _label(canvas, ordered, letters) if labels else canvas
 
 
 def outline(
@@ -96,9 +115,12 @@ def stamp(image: UInt8[np.ndarray, "h w 3"], text: str) -> UInt8[np.ndarray, "h 
     return np.asarray(picture)
 
 
-def _label(canvas: UInt8[np.ndarray, "h w 3"], marks: list[Mark]) -> UInt8[np.ndarray, "h w 3"]:
+def _label(
+    canvas: UInt8[np.ndarray, "h w 3"], marks: list[Mark], letters: float | None
+) -> UInt8[np.ndarray, "h w 3"]:
     picture = Image.fromarray(canvas)
-    draw, font, pad = ImageDraw.Draw(picture), _font(canvas), _padding(canvas)
+    font = _font(canvas) if letters is None else ImageFont.load_default(letters)
+    draw, pad = ImageDraw.Draw(picture), _padding(canvas)
     taken: list[_Box] = []
     for mark in marks:
         if not mark.mask.any():
@@ -108,9 +130,7 @@ def _label(canvas: UInt8[np.ndarray, "h w 3"], marks: list[Mark]) -> UInt8[np.nd
         box = _place(_bounds(mark.mask), size, canvas.shape[1], canvas.shape[0], taken)
         taken.append(box)
         left, top, right, bottom = box
-        draw.rounded_rectangle(
-            (left, top, right - 1, bottom - 1), pad / 2, KIND_COLOUR[mark.kind], INK
-        )
+        draw.rounded_rectangle((left, top, right - 1, bottom - 1), pad / 2, mark.colour, INK)
         draw.text((left + pad, (top + bottom) / 2), text, INK, font, anchor="lm")
     return np.asarray(picture)
 

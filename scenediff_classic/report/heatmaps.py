@@ -58,11 +58,15 @@ def score_rows(
 ) -> tuple[ScoreRow, ...]:
     """The given views (positions in the geometry) with their maps."""
     return tuple(
-        _row(evidence.geometry.views[i], evidence.scores[i], bars, threshold) for i in positions
+        score_row(evidence.geometry.views[i], evidence.scores[i], bars, threshold)
+        for i in positions
     )
 
 
-def _row(view: View, maps: ScoreMaps, bars: tuple[Scale, ...], threshold: float | None) -> ScoreRow:
+def score_row(
+    view: View, maps: ScoreMaps, bars: tuple[Scale, ...], threshold: float | None
+) -> ScoreRow:
+    """One view with its maps."""
     title = f"{view.video} · frame {view.index}"
     panels = []
     for bar in bars:

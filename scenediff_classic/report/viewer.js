@@ -1,11 +1,8 @@
 /* The report's 3D view: points with a depth buffer, lines on top, on a plain 2D canvas. */
 "use strict";
 
-(function () {
-  const host = document.getElementById("viewer");
-  const data = document.getElementById("scene");
-  if (!host || !data) return;
-  const scene = JSON.parse(data.textContent);
+/* Shows a scene in an element with a canvas and controls; gives a function that draws it anew. */
+function showScene(host, scene) {
   const canvas = host.querySelector("canvas");
   const context = canvas.getContext("2d");
   const show = { before: true, after: true, cameras: true, objects: true };
@@ -176,7 +173,7 @@
     const q = toCamera(cam, point);
     if (q[2] < NEAR) return;
     const [x, under] = toPixel(cam, q);
-    const text = `${item.id} ${item.kind}`;
+    const text = `${item.name || item.id} ${item.kind}`;
     context.font = `600 ${13 * ratio}px system-ui, sans-serif`;
     const wide = context.measureText(text).width + 10 * ratio, high = 20 * ratio;
     const y = under - 0.8 * high;
@@ -272,4 +269,11 @@
   reset();
   new ResizeObserver(redraw).observe(canvas);
   redraw();
+  return redraw;
+}
+
+(function () {
+  const host = document.getElementById("viewer");
+  const data = document.getElementById("scene");
+  if (host && data) showScene(host, JSON.parse(data.textContent));
 })();

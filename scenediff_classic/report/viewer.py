@@ -52,13 +52,30 @@ class _Cloud:
 
 
 def scene_json(result: ChangeResult, geometry: Geometry) -> str:
-    """The 3D scene as JSON, safe inside a ``<script>`` element.
+    """The 3D scene as JSON, safe inside a ``<script>`` element; see `scene_document`."""
+    return script_json(scene_document(result, geometry))
+
+
+def script_json(document: Any) -> str:
+    """JSON that cannot end the ``<script>`` element around it."""
+    return json.dumps(document, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+
+
+def scene_document(
+    result: ChangeResult, geometry: Geometry, points: int = _POINTS
+) -> dict[str, Any]:
+    """The 3D scene as plain values.
 
     Coordinates are shifted and scaled to the scene's middle and radius, so that the script
     starts from a good distance whatever the unit of the world. Points are 16-bit integers over
     their cloud's bounding box (little endian, base64), their patches' widths 8-bit ones.
+
+    Parameters
+    ----------
+    points : int
+        At most so many of each capture.
     """
-    clouds = {video: _cloud(result, geometry, video) for video in VIDEOS}
+    clouds = {video: _cloud(result, geometry, video, points) for video in VIDEOS}
     centres = np.array([camera_centre(v.cam_from_world) for v in geometry.views]).reshape(-1, 3)
     everything = np.concatenate([clouds["before"].xyz, clouds["after"].xyz])
     frame = everything if len(everything) else centres
@@ -69,7 +86,7 @@ def scene_json(result: ChangeResult, geometry: Geometry) -> str:
     def shown(points: Any) -> list[Any]:
         return np.round((np.asarray(points, float) - middle) / radius, 4).tolist()
 
-    document = {
+    return {
         "up": _up(geometry),
         "from": shown(centres.mean(axis=0)) if len(centres) else [0, 0, -3],
         "sizeSteps": _SIZE_STEPS,
@@ -79,7 +96,6 @@ def scene_json(result: ChangeResult, geometry: Geometry) -> str:
         "colours": {video: css(VIDEO_COLOUR[video]) for video in VIDEOS},
         "objects": [_object_json(item, geometry.unit, shown) for item in result.objects],
     }
-    return json.dumps(document, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
 def _is_video(result: ChangeResult, video: Video) -> bool:
@@ -96,10 +112,10 @@ def _up(geometry: Geometry) -> list[float]:
     return (mean / length if length > 1e-6 else np.array([0.0, -1.0, 0.0])).tolist()
 
 
-def _cloud(result: ChangeResult, geometry: Geometry, video: Video) -> _Cloud:
+def _cloud(result: ChangeResult, geometry: Geometry, video: Video, budget: int) -> _Cloud:
     """Measured pixels of a capture's views, thinned; changed ones tinted; else the SfM points."""
     views = geometry.of(video)
-    parts = [_measured(view, result, _POINTS // len(views)) for view in views]
+    parts = [_measured(view, result, budget // len(views)) for view in views]
     xyz = np.concatenate([np.zeros((0, 3)), *(part.xyz for part in parts)])
     rgb = np.concatenate([np.zeros((0, 3), np.uint8), *(part.rgb for part in parts)])
     size = np.concatenate([np.zeros(0), *(part.size for part in parts)])
@@ -107,7 +123,7 @@ def _cloud(result: ChangeResult, geometry: Geometry, video: Video) -> _Cloud:
         return _Cloud(xyz, rgb, size)
     mine = [i for i, view in enumerate(geometry.views) if view.video == video]
     seen = geometry.points.observations
-    points = np.unique(seen[np.isin(seen[:, 1], mine), 0])[:_POINTS]
+    points = np.unique(seen[np.isin(seen[:, 1], mine), 0])[:budget]
     return _Cloud(geometry.points.xyz[points], geometry.points.rgb[points], np.zeros(len(points)))
 
 
