@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
-from rich.table import Table
 
 from baselines.experiments.comparing import as_json, compare, compared_tables
 from baselines.experiments.config import ExperimentConfig, read_config
 from baselines.experiments.driving import Workers
+from baselines.experiments.page import headline
 from baselines.experiments.running import Report, run_experiment
 from baselines.experiments.showing import Show
 from scenediff_classic.errors import InputError
@@ -84,7 +84,7 @@ class Run:
             config, run, store, lambda show: self._workers(show, run), show,
             retry=self.retry, rescore=self.rescore,
         )  # fmt: skip
-        _say(config, report)
+        _say(report)
 
     def _config(self) -> ExperimentConfig:
         config = read_config(self.config).selected(self.methods, self.scenes, self.limit)
@@ -145,29 +145,14 @@ class Compare:
             OUT.print(f"Wrote {shown(path)}", soft_wrap=True)
 
 
-def _say(config: ExperimentConfig, report: Report) -> None:
-    for name in dict.fromkeys(entry["benchmark"] for entry in report.scores):
-        OUT.print(_table(name, [e for e in report.scores if e["benchmark"] == name]))
+def _say(report: Report) -> None:
+    for table in headline(report.run):
+        OUT.print(table)
     failed = f", {report.failed} failed" if report.failed else ""
     new = f"{report.computed} of them now" if report.computed else "all were there"
     OUT.print(f"{report.cells} cells, {new}{failed}: {shown(report.run)}", soft_wrap=True)
-    pages = [path for path in report.written if path.suffix == ".html"]
-    if pages:
-        OUT.print(f"Open {shown(pages[0])}", soft_wrap=True)
-
-
-def _table(benchmark: str, entries: list[dict]) -> Table:
-    table = Table(title=shown(f"{benchmark} (percent)"))
-    table.add_column("setting")
-    table.add_column("method")
-    headings = entries[0]["headings"]
-    for heading in headings.values():
-        table.add_column(shown(heading), justify="right")
-    for entry in entries:
-        figures = (entry["metrics"].get(key) for key in headings)
-        shown_figures = ("-" if v is None else f"{100 * v:.1f}" for v in figures)
-        table.add_row(shown(entry["setting"]), shown(entry["method"]), *shown_figures)
-    return table
+    if report.written:
+        OUT.print(f"Open {shown(report.written[0])}", soft_wrap=True)
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -80,7 +80,9 @@ def slurm_cluster(jobs: int, **options: Any) -> Any:
         raise InputError(_MISSING) from error
     given = {name: value for name, value in options.items() if value is not None}
     try:
-        cluster = SLURMCluster(processes=1, **given)
+        # a worker does one task at a time, which uses the job's cores itself
+        job_cpu = given.pop("cores", 1)
+        cluster = SLURMCluster(processes=1, cores=1, job_cpu=job_cpu, **given)
     except (ValueError, TypeError) as error:
         raise InputError(f"The Slurm workers cannot be set up: {error}.") from error
     cluster.scale(jobs)

@@ -43,8 +43,7 @@ class Report:
     """Those that were not there before."""
     failed: int
     written: tuple[Path, ...]
-    """Tables and figures; empty if nothing in them could have changed."""
-    scores: Sequence[dict[str, Any]]
+    """The page, tables and figures."""
 
 
 def run_experiment(
@@ -102,9 +101,14 @@ def run_experiment(
         )  # fmt: skip
         prints.save()
         rows = [_row(cell, outcome, run) for cell, outcome in answers]
-        written = _write(config, benchmarks, run, rows, scores, started, rescore)
+        _write(config, benchmarks, run, rows, scores, started, rescore)
+        written: list[Path] = []
+        if config.figures:  # what is there and would be the same is left as it is
+            if rescore:
+                (run / "outputs.json").unlink(missing_ok=True)
+            written = write_outputs(run, {c.benchmark.name: c.pairs for c in benchmarks})
     failed = sum(outcome.status == "failed" for _, outcome in answers)
-    return Report(run, len(cells), len(missing), failed, tuple(written), scores)
+    return Report(run, len(cells), len(missing), failed, tuple(written))
 
 
 def _again(cell: Cell, retry: bool) -> bool:
@@ -137,22 +141,20 @@ def _row(cell: Cell, outcome: Outcome, run: Path) -> dict[str, Any]:
 def _write(
     config: ExperimentConfig, benchmarks: Sequence[Chosen], run: Path,
     rows: list[dict[str, Any]], scores: list[dict[str, Any]], started: str, again: bool,
-) -> list[Path]:  # fmt: skip
-    """All files of the run but the results; nothing if they are there and would be the same."""
+) -> None:  # fmt: skip
+    """The run's three files; not if they are there and would be the same but for their times."""
     state = run / "records" / ".written.json"
     about = _about(config, benchmarks)
     key = digest(about, rows, scores)
     found = read_json(state)
     if found is not None and found.get("key") == key and not again:
-        return []
+        return
     before = read_json(run / "experiment.json") or {}
     times = {"started": before.get("started") or started, "finished": _now()}
     _write_json(run / "cells.json", rows)
     _write_json(run / "scores.json", scores)
     _write_json(run / "experiment.json", {**about, **times})
-    written = write_outputs(run) if config.figures else []
     _write_json(state, {"key": key})
-    return written
 
 
 def _begin(config: ExperimentConfig, benchmarks: Sequence[Chosen], run: Path, started: str) -> None:

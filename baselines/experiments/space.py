@@ -16,8 +16,10 @@ from scenediff_classic.geometry.store import load_geometry
 from scenediff_classic.report.viewer import scene_document
 from scenediff_classic.types import VIDEOS, ChangedObject, ChangeResult, Geometry, Video
 
-_POINTS = 9000
+_POINTS = 14_000
 """Of a capture in the 3D view: a third of a megabyte of page for a pair."""
+_FINER = 1.6
+"""Views overlap: patches may be that much smaller than their share of one view."""
 _SAME = 1e-3
 """Relative to the spread of the cameras: nearer than that, two answers share one world."""
 
@@ -49,14 +51,17 @@ def scene_of(pictures: PairPictures, answer: Answer, geometry: Geometry) -> dict
     """
     if answer.result is None:
         return None
-    plain = scene_document(_without_objects(answer.result), geometry, _POINTS)
-    answers = {}
-    for other in pictures.answers:
-        if other.result is not None and (other is answer or _same_world(answer, other)):
-            boxes = scene_document(other.result, geometry, 0)["objects"]
-            names = _names(other)
-            answers[other.title] = [b | {"name": names.get(b["id"], "?")} for b in boxes]
-    return plain | {"answers": answers, "objects": next(iter(answers.values()), [])}
+    sharing = [
+        other for other in pictures.answers
+        if other.result is not None and (other is answer or _same_world(answer, other))
+    ]  # fmt: skip
+    results = {other.title: other.result for other in sharing if other.result is not None}
+    scene = scene_document(_without_objects(answer.result), geometry, _POINTS, results)
+    for other in sharing:
+        names = _names(other)
+        for box in scene["answers"][other.title]:
+            box["name"] = names.get(box["id"], "?")
+    return scene | {"sizeSteps": _FINER * scene["sizeSteps"]}
 
 
 def _without_objects(result: ChangeResult) -> ChangeResult:

@@ -5,7 +5,7 @@ The page's script draws it on a plain canvas; nothing is loaded from a network.
 
 import base64
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -62,7 +62,10 @@ def script_json(document: Any) -> str:
 
 
 def scene_document(
-    result: ChangeResult, geometry: Geometry, points: int = _POINTS
+    result: ChangeResult,
+    geometry: Geometry,
+    points: int = _POINTS,
+    answers: Mapping[str, ChangeResult] | None = None,
 ) -> dict[str, Any]:
     """The 3D scene as plain values.
 
@@ -74,6 +77,8 @@ def scene_document(
     ----------
     points : int
         At most so many of each capture.
+    answers : mapping, optional
+        Further results in the same world; their objects are listed by name under ``answers``.
     """
     clouds = {video: _cloud(result, geometry, video, points) for video in VIDEOS}
     centres = np.array([camera_centre(v.cam_from_world) for v in geometry.views]).reshape(-1, 3)
@@ -95,6 +100,10 @@ def scene_document(
         "trails": {video: _is_video(result, video) for video in VIDEOS},
         "colours": {video: css(VIDEO_COLOUR[video]) for video in VIDEOS},
         "objects": [_object_json(item, geometry.unit, shown) for item in result.objects],
+        "answers": {
+            name: [_object_json(item, geometry.unit, shown) for item in other.objects]
+            for name, other in (answers or {}).items()
+        },
     }
 
 

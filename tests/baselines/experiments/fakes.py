@@ -77,7 +77,9 @@ class FakeBenchmark:
 
     def judge(self, pair: BenchmarkPair, run: Path | None) -> float:
         """See the class."""
-        return 0.0 if run is None else float(json.loads((run / "changes.json").read_bytes())["scale"])
+        return (
+            0.0 if run is None else float(json.loads((run / "changes.json").read_bytes())["scale"])
+        )
 
     def pool(self, judged: Sequence[float]) -> dict[str, float | None]:
         """The mean."""
@@ -126,7 +128,9 @@ def _detect(
     infos = [
         VideoInfo(
             c.source,
-            tuple(FrameInfo(f.index, f.name, None, f.width, f.height, True, None) for f in c.frames),
+            tuple(
+                FrameInfo(f.index, f.name, None, f.width, f.height, True, None) for f in c.frames
+            ),
         )
         for c in (before, after)
     ]

@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from baselines.experiments.cluster import ClusterWorkers, slurm_cluster
+from baselines.experiments.__main__ import main
+from baselines.experiments.cluster import ClusterWorkers
 from baselines.experiments.config import read_config
 from baselines.experiments.running import run_experiment
 from baselines.experiments.showing import Show
@@ -60,7 +61,26 @@ def test_nobody_answers(tmp_path: Path) -> None:
         ClusterWorkers("nonsense://")
 
 
-def test_slurm_jobs_get_what_was_asked_for() -> None:
+@pytest.mark.slow
+@pytest.mark.filterwarnings("default")  # as above, when the job ends
+def test_slurm_jobs_do_the_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("dask_jobqueue", reason="needs the extra cluster")
-    with pytest.raises(InputError, match="Slurm workers cannot be set up"):
-        slurm_cluster(1, cores=2)  # without memory
+    path = write_config(tmp_path, count=1)
+    stand_in = tmp_path / "bin"  # for Slurm: a job is a process of this machine
+    stand_in.mkdir()
+    submit = '#!/bin/sh\ncp "$1" {0}/job.sh\n(exec sh "$1" >{0}/job.log 2>&1) &\necho $! >{0}/pid\n'
+    (stand_in / "sbatch").write_text(submit.format(tmp_path) + "echo Submitted batch job $!\n")
+    (stand_in / "scancel").write_text("#!/bin/sh\nkill $1\n")
+    for program in stand_in.iterdir():
+        program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{stand_in}:{os.environ['PATH']}")
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[3]))
+    monkeypatch.chdir(tmp_path)
+    arguments = ["run", str(path), "-o", str(tmp_path / "run"), "--slurm"]
+    options = ["--slurm-options.cores", "3", "--slurm-options.memory", "4GB"]
+    assert main([*arguments, *options]) == 0
+    cells = read(tmp_path / "run" / "cells.json")
+    assert [c["status"] for c in cells] == ["done", "done"]
+    job = (tmp_path / "job.sh").read_text()
+    assert "--cpus-per-task=3" in job
+    assert "--nthreads 1" in job
