@@ -36,7 +36,9 @@ def picture_sizes(folder: Path) -> list[Size]:
     return [size for p in picture_files(folder) if (size := picture_size(p)) is not None]
 
 
-def mask_problems(folder: Path, sizes: Mapping[Video, Sequence[Size]]) -> Iterator[str]:
+def mask_problems(
+    folder: Path, sizes: Mapping[Video, Sequence[Size]], *, whole: bool = True
+) -> Iterator[str]:
     """What is wrong with a pair's truth in masks.
 
     Parameters
@@ -45,6 +47,8 @@ def mask_problems(folder: Path, sizes: Mapping[Video, Sequence[Size]]) -> Iterat
         Of ``segments.json`` or ``segments.pkl``.
     sizes : mapping
         Size of each sampled frame of each capture; empty if they are not known.
+    whole : bool
+        Whether all frames are in `sizes`; otherwise the last one stands for those that follow.
     """
     try:
         truth = read_annotations(folder)
@@ -52,7 +56,7 @@ def mask_problems(folder: Path, sizes: Mapping[Video, Sequence[Size]]) -> Iterat
         yield str(error)
         return
     for video in VIDEOS:
-        yield from _misfits(folder, truth, video, sizes.get(video, ()))
+        yield from _misfits(folder, truth, video, sizes.get(video, ()), whole)
     known = {item.object_id for item in truth.objects}
     for item in truth.objects:
         name = f"{folder}: object {item.object_id} '{item.label}'"
@@ -66,11 +70,12 @@ def mask_problems(folder: Path, sizes: Mapping[Video, Sequence[Size]]) -> Iterat
                 yield f"{name} has masks in {video}, but none at a sampled frame (30, 60, …)."
     for track in truth.tracks:
         if track.object_id not in known:
-            yield f"{folder}: masks of object {track.object_id} in {track.video} belong to no object."
+            name = f"{folder}: masks of object {track.object_id}"
+            yield f"{name} in {track.video} belong to no object."
 
 
 def _misfits(
-    folder: Path, truth: AnnotatedPair, video: Video, sizes: Sequence[Size]
+    folder: Path, truth: AnnotatedPair, video: Video, sizes: Sequence[Size], whole: bool
 ) -> Iterator[str]:
     """Masks of a wrong size, empty ones, and masks after the end, one sentence for each object."""
     for track in (t for t in truth.tracks if t.video == video):
@@ -80,8 +85,8 @@ def _misfits(
             yield f"{name} has masks without a pixel, the first at frame {empty[0]}."
         if not sizes:
             continue
-        late = [m.frame for m in track.masks if m.frame > SAMPLE_STEP * len(sizes)]
-        if late:
+        late = [m.frame for m in track.masks if m.frame >= SAMPLE_STEP * len(sizes)]
+        if late and whole:
             yield f"{name} has masks after the capture's end, the first at frame {late[0]}."
         for annotated in track.masks:
             place = min(annotated.frame // SAMPLE_STEP, len(sizes) - 1)

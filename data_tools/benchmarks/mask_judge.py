@@ -1,10 +1,14 @@
 """Truth and answers as masks of objects: the SceneDiff Benchmark's scores, pair by pair."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import median
 
+from scenediff_classic import masks
 from scenediff_classic.dataset import (
+    SAMPLE_STEP,
     Prediction,
     find_prediction,
     read_annotations,
@@ -76,3 +80,35 @@ def checked_mode(mode: str) -> Mode:
     if mode == "strict" or mode == "official":
         return mode
     raise InputError(f"'{mode}' is no evaluation mode: choose strict or official.")
+
+
+def mask_statistics(truths: Sequence[Path]) -> dict[str, float]:
+    """What some truths hold: objects by kind, annotated sampled frames, visible area.
+
+    The area is the median over masks at sampled frames, as a share of the picture.
+    """
+    kinds: Counter[str] = Counter()
+    frames, shares = 0, []
+    for path in truths:
+        truth = read_annotations(path)
+        kinds.update(item.kind for item in truth.objects if item.kind is not None)
+        shown = {
+            (t.video, m.frame): m.mask.size
+            for t in truth.tracks
+            for m in t.masks
+            if m.frame % SAMPLE_STEP == 0
+        }
+        frames += len(shown)
+        shares += [
+            masks.area(m.mask) / (m.mask.size[0] * m.mask.size[1])
+            for t in truth.tracks
+            for m in t.masks
+            if m.frame % SAMPLE_STEP == 0
+        ]
+    return {
+        "objects": sum(kinds.values()),
+        **{kind: kinds[kind] for kind in ("added", "removed", "moved")},
+        "frames with a mask": frames,
+        "masks": len(shares),
+        "median visible area": median(shares) if shares else 0.0,
+    }

@@ -50,7 +50,7 @@ def read_rc3d(root: Path) -> Iterator[tuple[BoxedPhoto, BoxedPhoto]]:
     if not files:
         raise InputError(f"{root} holds no part1/coco_annotations.json and so on.")
     for file in files:
-        photos = _annotated(file)
+        photos = annotated_photos(file)
         for k in range(0, len(photos) - 2, 3):
             first, third = (_photo(file.parent, *photos[i]) for i in (k, k + 2))
             yield first, third
@@ -97,8 +97,14 @@ def kc3d_camera(
     return lens @ CAMERA_FROM_OPENGL[:3, :3], CAMERA_FROM_OPENGL @ np.linalg.inv(world_from_cam)
 
 
-def _annotated(file: Path) -> list[tuple[str, Float32[np.ndarray, "n 4"]]]:
-    """(file name, boxes) of every photo, in the order of the file."""
+def annotated_photos(file: Path) -> list[tuple[str, Float32[np.ndarray, "n 4"]]]:
+    """(file name, boxes) of every photo, in the order of the file.
+
+    Raises
+    ------
+    InputError
+        The file is absent or not in COCO's layout.
+    """
     try:
         content: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
         boxes: dict[int, list[list[float]]] = {int(i["id"]): [] for i in content["images"]}
@@ -109,7 +115,7 @@ def _annotated(file: Path) -> list[tuple[str, Float32[np.ndarray, "n 4"]]]:
             (str(i["file_name"]), np.array(boxes[int(i["id"])], np.float32).reshape(-1, 4))
             for i in content["images"]
         ]
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, OverflowError) as error:
         raise InputError(f"{file} is not in COCO's layout: {error!r}.") from error
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from data_tools.benchmarks.benchmark import BenchmarkPair
 from data_tools.benchmarks.folder_checks import mask_problems, picture_sizes
-from data_tools.benchmarks.mask_judge import MASK_METRICS, MaskJudge
+from data_tools.benchmarks.mask_judge import MASK_METRICS, MaskJudge, mask_statistics
 from data_tools.benchmarks.rows import rendered_pairs
 from scenediff_classic.dataset import records
 from scenediff_classic.detection_run import CaptureOptions
@@ -50,6 +50,10 @@ class RenderedBenchmark:
         except InputError as error:
             return (str(error),)
         return tuple(problem for folder in folders for problem in _problems(folder))
+
+    def statistics(self) -> Mapping[str, float]:
+        """Objects by kind, annotated frames, visible area."""
+        return mask_statistics([folder / "segments.json" for folder in self._folders])
 
     def judge(self, pair: BenchmarkPair, run: Path | None) -> PairScores | None:
         """Compare masks; see `MaskJudge.judge`."""
