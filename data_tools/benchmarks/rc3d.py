@@ -1,7 +1,7 @@
-"""RC-3D's pairs of photos with depth and boxes, and KC-3D's conventions of depth and cameras.
+"""RC-3D's pairs of photos with depth and boxes.
 
-Layouts as their authors published them. One pair of either was at hand: whole sets have not been
-read yet.
+The layout is as its authors published it. One pair was at hand: the whole set has not been read
+yet.
 """
 
 import json
@@ -11,13 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float32, Float64, UInt8
+from jaxtyping import Float32, UInt8
 from PIL import Image
 
-from scenediff_classic.cameras import pixel_centres
 from scenediff_classic.errors import InputError
-
-CAMERA_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -60,41 +57,6 @@ def read_rc3d_depth(path: Path) -> Float32[np.ndarray, "a b"]:
     """Metres from a 16-bit picture in millimetres; NaN where it is 0."""
     raw = _read(path).astype(np.float32)
     return np.where(raw > 0, raw / np.float32(1000), np.float32(np.nan))
-
-
-def z_from_ray(
-    length: Float32[np.ndarray, "h w"], intrinsics: Float64[np.ndarray, "3 3"]
-) -> Float32[np.ndarray, "h w"]:
-    """z-depth from distances to the camera, which KC-3D's depth files seem to hold."""
-    xy = pixel_centres(*length.shape)
-    x = (xy[..., 0] - intrinsics[0, 2]) / intrinsics[0, 0]
-    y = (xy[..., 1] - intrinsics[1, 2]) / intrinsics[1, 1]
-    return (length / np.sqrt(1 + x * x + y * y)).astype(np.float32)
-
-
-def kc3d_camera(
-    intrinsics: np.ndarray, rotation: np.ndarray, position: np.ndarray, height: int, width: int
-) -> tuple[Float64[np.ndarray, "3 3"], Float64[np.ndarray, "4 4"]]:
-    """A camera of KC-3D in our conventions.
-
-    Parameters
-    ----------
-    intrinsics, rotation, position : array (3, 3), (3, 3), (3,)
-        As stored: for pictures of side 1 and a camera that looks along -z with y up; rotation and
-        position take camera to world.
-    height, width : int
-        Of the picture.
-
-    Returns
-    -------
-    intrinsics : array (3, 3)
-        In pixels.
-    cam_from_world : array (4, 4)
-    """
-    lens = np.diag([width, height, 1.0]) @ np.asarray(intrinsics, float)
-    world_from_cam = np.eye(4)
-    world_from_cam[:3, :3], world_from_cam[:3, 3] = rotation, position
-    return lens @ CAMERA_FROM_OPENGL[:3, :3], CAMERA_FROM_OPENGL @ np.linalg.inv(world_from_cam)
 
 
 def annotated_photos(file: Path) -> list[tuple[str, Float32[np.ndarray, "n 4"]]]:

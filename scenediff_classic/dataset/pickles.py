@@ -9,8 +9,9 @@ to change one fails.
 import pickle
 import re
 import reprlib
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -26,9 +27,40 @@ def read_pickle(path: Path) -> Any:
         The file is absent, damaged, or would build anything but containers, text, bytes,
         numbers and NumPy arrays of them.
     """
+    return _read(path, lambda file: _PlainUnpickler(file).load())
+
+
+def read_npy(path: Path) -> Any:
+    """Array of a ``.npy`` file of numbers; plain value of one that holds pickled objects.
+
+    Raises
+    ------
+    InputError
+        As `read_pickle`; or the file is no array.
+    """
+    return _read(path, _npy)
+
+
+def _npy(file: BinaryIO) -> Any:
+    version = np.lib.format.read_magic(file)
+    header = {
+        (1, 0): np.lib.format.read_array_header_1_0,
+        (2, 0): np.lib.format.read_array_header_2_0,
+    }[version]
+    shape, column_major, dtype = header(file)
+    if dtype == np.dtype(object):
+        found = _ObjectUnpickler(file).load()
+        return found if shape else found[0]
+    if dtype.kind not in "biuf":
+        raise _ForbiddenError(f"the NumPy type {str(dtype)[:40]}")
+    values = np.frombuffer(file.read(), dtype)
+    return values.reshape(shape, order="F" if column_major else "C")
+
+
+def _read(path: Path, load: Callable[[BinaryIO], Any]) -> Any:
     try:
         with path.open("rb") as file:
-            return _PlainUnpickler(file).load()
+            return load(file)
     except OSError as error:
         raise InputError(f"{path} cannot be read ({error.strerror or error}).") from error
     except _ForbiddenError as error:
@@ -51,6 +83,15 @@ class _PlainUnpickler(pickle.Unpickler):
             return _ALLOWED[module, name]
         except KeyError:
             raise _ForbiddenError(f"{module}.{name}"[:100]) from None
+
+
+class _ObjectUnpickler(_PlainUnpickler):
+    """Reads arrays of objects too, which are plain values again: for files that are known by
+    their header to be such."""
+
+    def find_class(self, module: str, name: str) -> Any:
+        found = super().find_class(module, name)
+        return _MakeAnyDtype() if isinstance(found, _MakeDtype) else found
 
 
 class _ArrayClass:
@@ -77,6 +118,23 @@ class _Dtype:
         return np.frombuffer(data, self.number)
 
 
+class _ObjectDtype:
+    """The type of arrays of objects, whose state holds them as a list."""
+
+    __slots__ = ()
+
+    def __setstate__(self, state: tuple[Any, ...]) -> None:
+        """Byte order and the like: nothing that objects have."""
+
+    def values(self, data: list[Any]) -> np.ndarray:
+        if type(data) is not list:
+            raise _ForbiddenError("an array of objects that are no list")
+        out = np.empty(len(data), object)
+        for k, item in enumerate(data):
+            out[k] = item
+        return out
+
+
 class _List(list):
     """An array under construction: NumPy's pickles fill it in a second step."""
 
@@ -92,6 +150,13 @@ class _MakeDtype:
 
     def __call__(self, code: object, *_: object) -> _Dtype:
         return _Dtype(code)
+
+
+class _MakeAnyDtype(_MakeDtype):
+    __slots__ = ()
+
+    def __call__(self, code: object, *_: object) -> Any:
+        return _ObjectDtype() if code in ("O", "O8") else _Dtype(code)
 
 
 class _MakeArray:

@@ -1,4 +1,4 @@
-"""RC-3D's layout, and KC-3D's cameras checked on its one rendered pair."""
+"""RC-3D's layout."""
 
 import json
 from pathlib import Path
@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from data_tools.benchmarks.rc3d import kc3d_camera, read_rc3d, read_rc3d_depth, z_from_ray
-from scenediff_classic.cameras import pixel_centres, project, sample, world_from_cam
+from data_tools.benchmarks.rc3d import read_rc3d, read_rc3d_depth
 from scenediff_classic.errors import InputError
 
 
@@ -53,34 +52,6 @@ def test_what_cannot_be_read_is_named(root: Path) -> None:
     (root / "part1" / "coco_annotations.json").write_text('{"images": 3}')
     with pytest.raises(InputError, match="COCO"):
         list(read_rc3d(root))
-
-
-def test_depth_along_rays() -> None:
-    lens = np.array([[10.0, 0, 2], [0, 10.0, 2], [0, 0, 1]])
-    z = z_from_ray(np.full((4, 4), 3, np.float32), lens)
-    assert z[1, 1] == pytest.approx(3 / np.sqrt(1 + 2 * 0.05**2))
-
-
-def test_the_rendered_pair_agrees_with_itself(real_data: Path) -> None:
-    folder = real_data / "cyws3d_ship_pair" / "kc3d_synthetic"
-    raw = [np.asarray(Image.open(folder / f"depth_24478_831_2_{k}.tiff")) for k in (0, 1)]
-    names = ("intrinsics", "rotation", "position")
-    stored = [[np.load(folder / f"{name}{k}.npy") for name in names] for k in (1, 2)]
-    cameras = [kc3d_camera(*arrays, 256, 256) for arrays in stored]
-
-    def off(depth: list[np.ndarray]) -> float:
-        """Median disagreement of the second depth with the first one carried over."""
-        (lens, pose), (other, other_pose) = cameras
-        rays = np.concatenate([pixel_centres(256, 256), np.ones((256, 256, 1))], -1)
-        points = (rays @ np.linalg.inv(lens).T) * depth[0][..., None]
-        to_world = world_from_cam(pose)
-        world = points @ to_world[:3, :3].T + to_world[:3, 3]
-        xy, z = project(world, other, other_pose)
-        return float(np.nanmedian(np.abs(sample(depth[1], xy, nearest=True) / z - 1)))
-
-    along_rays = [z_from_ray(d, k) for d, (k, _) in zip(raw, cameras, strict=True)]
-    assert off(along_rays) < 0.02
-    assert off(along_rays) < off(raw)
 
 
 def test_depth_of_the_real_pair(real_data: Path) -> None:
