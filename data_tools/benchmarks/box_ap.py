@@ -11,7 +11,7 @@ from scenediff_classic.evaluation.average_precision import Ranking
 
 Protocol = Literal["raw", "filtered"]
 Convention = Literal["half-open", "wide"]
-"""``wide``: truth and answers are one pixel larger on every side, as published evaluation counts."""
+"""``wide``: truth and answers grow by a pixel on every side, two in width and height."""
 LEAST_AREA = 400 / 224**2
 """Smallest box that ``filtered`` keeps, as a share of the picture."""
 MOST_OVERLAP = 0.2
