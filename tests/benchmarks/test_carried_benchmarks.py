@@ -1,13 +1,12 @@
 """Benchmarks that ask where a change lies in the other capture: PASLCD, ChangeSim, RC-3D."""
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from data_tools.benchmarks.box_ap import ScoredBox, box_ranking_in_picture
+from data_tools.benchmarks.box_ap import Convention, Protocol, ScoredBox, box_ranking_in_picture
 from data_tools.benchmarks.named import open_benchmark
 from data_tools.benchmarks.symmetric import carried, working_mask
 from data_tools.benchmarks.validate import main
@@ -60,7 +59,7 @@ def test_marks_are_carried_where_depth_and_cameras_say() -> None:
 
 
 @pytest.fixture
-def paslcd(tmp_path: Path) -> Iterator[tuple[Path, Geometry, View, View]]:
+def paslcd(tmp_path: Path) -> tuple[Path, Geometry, View, View]:
     geometry, source, target = _one_view_each()
     for instance in ("Instance_1", "Instance_2"):
         folder = tmp_path / "Pots" / instance
@@ -158,7 +157,11 @@ def test_rc3d_carries_a_box_into_the_view_that_lacks_the_thing(tmp_path: Path, c
 
 
 def test_box_protocols() -> None:
-    def precision(found: list[ScoredBox], protocol="raw", convention="half-open") -> float:
+    def precision(
+        found: list[ScoredBox],
+        protocol: Protocol = "raw",
+        convention: Convention = "half-open",
+    ) -> float:
         ranking = box_ranking_in_picture(
             found, [(10, 10, 10, 10)], (224, 224), protocol, convention
         )

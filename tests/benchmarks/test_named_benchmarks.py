@@ -17,7 +17,7 @@ from scenediff_classic.video import read_capture
 from tests.benchmarks import layouts
 from tests.benchmarks.cards_on_disk import write_cards
 from tests.benchmarks.layouts import block, rle
-from tests.evaluation.scenes import box, prediction, truth
+from tests.evaluation.scenes import Views, box, prediction, truth
 from tests.films import number_in, write_film
 
 TRUTH = truth(
@@ -98,7 +98,7 @@ def test_pairs_of_the_published_layout(tmp_path: Path, capsys) -> None:
 
 
 def test_published_predictions_are_read_and_removed_only_pairs_count(tmp_path: Path) -> None:
-    removed = {"before": {0: rle(block(5, 5, 20, 20))}}
+    removed: Views = {"before": {0: rle(block(5, 5, 20, 20))}}
     layouts.scenediff(tmp_path, truth(removed))
     benchmark = open_benchmark("scenediff", tmp_path)
     (pair,) = benchmark.pairs()
