@@ -82,8 +82,12 @@ class Detect:
     its id in your Hugging Face cache. Needs the extra "learned"."""
     learned_regions: str | None = None
     """Regions of a SAM or SAM 2 model instead of classical ones: the same."""
+    learned_matching: Path | None = None
+    """Register with ALIKED and LightGlue instead of SIFT: a folder with aliked-n16rot.onnx and
+    aliked-lightglue.onnx. Needs a pycolmap with ONNX."""
     allow_download: bool = False
-    """Fetch these weights from the Hugging Face hub; otherwise only this computer is searched."""
+    """Fetch weights of DINO and SAM from the Hugging Face hub; otherwise only this computer is
+    searched."""
     overwrite: bool = False
     """Replace the result of another run in the output folder."""
     scoring: ScoringConfig = field(default_factory=ScoringConfig)
@@ -102,7 +106,7 @@ class Detect:
             self.preset, long_side=self.long_side, seed=self.seed, geometry=self.geometry,
             device=self.device, stereo=self.stereo, features=self.features, regions=self.regions,
             learned_features=self.learned_features, learned_regions=self.learned_regions,
-            allow_download=self.allow_download, base=base,
+            learned_matching=self.learned_matching, allow_download=self.allow_download, base=base,
         )  # fmt: skip
         known = () if self.geometry is None else (self.geometry,)
         with progress_bars() as progress:

@@ -11,6 +11,11 @@ from scenediff_classic.features.dino import DinoFeatures
 from scenediff_classic.features.named import FEATURES, FeatureName
 from scenediff_classic.geometry.from_pictures import GeometryFromPictures
 from scenediff_classic.geometry.known_cameras import KnownGeometry
+from scenediff_classic.geometry.registration.colmap.database import (
+    ALIKED_WEIGHTS,
+    LIGHTGLUE_WEIGHTS,
+    check_learned,
+)
 from scenediff_classic.geometry.registration.structure_from_motion import StructureFromMotion
 from scenediff_classic.geometry.stereo.completion import DepthCompletion
 from scenediff_classic.geometry.stereo.depth_map import Matcher
@@ -50,6 +55,7 @@ def configured(
     regions: RegionName | None = None,
     learned_features: str | None = None,
     learned_regions: str | None = None,
+    learned_matching: Path | None = None,
     allow_download: bool = False,
     base: DetectConfig = DetectConfig(),  # noqa: B008 (frozen)
 ) -> DetectConfig:
@@ -71,8 +77,10 @@ def configured(
         Name of the region back-end to use instead of `base`'s (`regions.named`).
     learned_features, learned_regions : str, optional
         Weights of a DINO and of a SAM model (see `weights.find_weights`) for these stages.
+    learned_matching : Path, optional
+        Folder with the weights of ALIKED and LightGlue, to register with them instead of SIFT.
     allow_download : bool
-        Fetch these weights from the Hugging Face hub if they are no folders.
+        Fetch the weights of DINO and SAM from the Hugging Face hub if they are no folders.
     base : DetectConfig
         Options of the later stages.
 
@@ -98,6 +106,8 @@ def configured(
     if learned_regions is not None:
         find_weights(learned_regions, download=allow_download)
         base = replace(base, regions=SamRegions(learned_regions, device))
+    if learned_matching is not None:
+        check_learned(learned_matching)
     weight_files(base)  # refuses what cannot be loaded before any work is done
     if geometry is not None:
         return replace(base, geometry=KnownGeometry(geometry, long_side=side))
@@ -107,7 +117,7 @@ def configured(
     swept = PlaneSweep(second=replace(planes, consistent_sweeps=1))
     matcher: Matcher = swept if stereo == "plane-sweep" else planes
     depth = MultiViewStereo(matcher, sources=_SOURCES[preset])
-    sfm = StructureFromMotion(long_side=side, seed=seed)
+    sfm = StructureFromMotion(long_side=side, seed=seed, learned=learned_matching)
     completion = DepthCompletion(seed=seed)
     return replace(base, geometry=GeometryFromPictures(sfm, depth, completion))
 
@@ -117,7 +127,12 @@ def weight_files(config: DetectConfig) -> tuple[Path, ...]:
     learned = (
         p for p in (config.features, config.regions) if isinstance(p, (DinoFeatures, SamRegions))
     )
-    return tuple(file for plug_in in learned for file in plug_in.files)
+    files = tuple(file for plug_in in learned for file in plug_in.files)
+    source = config.geometry
+    matching = source.registration.learned if isinstance(source, GeometryFromPictures) else None
+    if matching is None:
+        return files
+    return (*files, matching / ALIKED_WEIGHTS, matching / LIGHTGLUE_WEIGHTS)
 
 
 def _check_numbers(options: Any, prefix: str) -> None:

@@ -144,6 +144,7 @@ def test_a_bad_capture_is_named_in_one_sentence(
         (["--scoring.visibility.depth-edge", "nan"], "finite number"),
         (["--objects.min-area", "-1"], "objects.min_area"),
         (["--geometry", "nowhere"], "nowhere does not exist"),
+        (["--learned-matching", "nowhere"], "aliked-n16rot.onnx is missing"),
     ],
 )
 def test_a_bad_option_is_named_in_one_sentence(

@@ -6,6 +6,7 @@ from typing import get_args
 
 import pytest
 
+from scenediff_classic import presets
 from scenediff_classic.change.scoring import ScoringConfig
 from scenediff_classic.change.threshold import ThresholdConfig
 from scenediff_classic.change.visibility import VisibilityConfig
@@ -21,6 +22,7 @@ from scenediff_classic.presets import (
     MIN_LONG_SIDE,
     Preset,
     configured,
+    weight_files,
 )
 from scenediff_classic.regions.named import REGIONS, RegionName
 
@@ -58,6 +60,14 @@ def test_every_stage_that_draws_gets_the_seed() -> None:
 def test_stereo_can_be_a_plane_sweep() -> None:
     swept = from_pictures(configured(seed=7, stereo="plane-sweep")).stereo.matcher
     assert swept == PlaneSweep(second=PatchMatch(seed=7, consistent_sweeps=1))
+
+
+def test_matching_with_weights_of_ones_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(presets, "check_learned", lambda folder: None)
+    config = configured(learned_matching=tmp_path)
+    assert from_pictures(config).registration.learned == tmp_path
+    assert [file.parent for file in weight_files(config)] == [tmp_path, tmp_path]
+    assert weight_files(configured()) == ()
 
 
 @pytest.mark.parametrize("name", get_args(FeatureName))
