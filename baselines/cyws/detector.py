@@ -6,16 +6,16 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import torch
 from jaxtyping import Bool, Int32
 
 from baselines.cyws.boxes import Boxes, decode, filtered, suppress
-from baselines.cyws.pairs import TwoViews, batched
+from baselines.cyws.pairs import batched
 from baselines.cyws.presets import Dimension, Preset
+from baselines.cyws.view_pairs import two_views
 from baselines.cyws.weights import SHIPPED, load_network
-from scenediff_classic.cameras import project, sample, scale_intrinsics, unproject
+from scenediff_classic.cameras import project, sample, unproject
 from scenediff_classic.change.changed_regions import ChangedRegion, ObjectConfig, main_parts
 from scenediff_classic.change.describe import ConfidenceConfig, describe
 from scenediff_classic.change.moves import Change
@@ -147,7 +147,7 @@ def view_boxes(
     found: list[list[Boxes]] = [[] for _ in geometry.views]
     for done, pair in enumerate(pairs):
         first, second = (geometry.views[k] for k in pair)
-        batch = batched([_two_views(first, second, preset.height, preset.width)])
+        batch = batched([two_views(first, second, preset.height, preset.width)])
         with torch.inference_mode():
             maps = network(batch.images.to(device), batch.registration.to(device))
         for k, boxes in zip(pair, decode(maps, *size), strict=True):
@@ -164,22 +164,6 @@ def _together(many: Sequence[Boxes]) -> Boxes:
     return Boxes(
         np.concatenate([none, *(b.xyxy for b in many)]),
         np.concatenate([none[:, 0], *(b.score for b in many)]),
-    )
-
-
-def _two_views(a: View, b: View, height: int, width: int) -> TwoViews:
-    size = (width, height)
-    images = [cv2.resize(v.image, size, interpolation=cv2.INTER_AREA) for v in (a, b)]
-    depth = [cv2.resize(v.depth, size, interpolation=cv2.INTER_NEAREST) for v in (a, b)]
-    lenses = [
-        scale_intrinsics(v.intrinsics, width / v.shape[1], height / v.shape[0]) for v in (a, b)
-    ]
-    return TwoViews(
-        np.stack(images),
-        np.stack(depth),
-        np.stack(lenses),
-        np.stack([v.cam_from_world for v in (a, b)]),
-        np.zeros((0, 2, 4), np.float32),
     )
 
 

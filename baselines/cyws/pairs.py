@@ -28,7 +28,7 @@ class TwoViews:
     intrinsics: Float64[np.ndarray, "2 3 3"]
     cam_from_world: Float64[np.ndarray, "2 4 4"]
     boxes: Float32[np.ndarray, "n 2 4"]
-    """Of every change, in the first picture and in the second."""
+    """Of every change, in the first picture and in the second; without width: none there."""
     across_2d: Float64[np.ndarray, "2 3"] | None = None
     """Of a pair of one flat picture: where places (0 to 1) of the first lie in the second."""
 
@@ -163,7 +163,8 @@ class Batch:
 
     def boxes(self) -> list[Float32[np.ndarray, "_ 4"]]:
         """Of all 2b pictures, in the order of the networks' maps."""
-        return [pair.boxes[:, k] for pair in self.pairs for k in (0, 1)]
+        sides = [pair.boxes[:, k] for pair in self.pairs for k in (0, 1)]
+        return [boxes[boxes[:, 2] > boxes[:, 0]] for boxes in sides]
 
 
 def batched(pairs: Sequence[TwoViews]) -> Batch:

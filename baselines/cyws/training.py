@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from time import process_time
@@ -63,6 +63,10 @@ class Trainer:
         Folder for the checkpoint; a training stopped there with the same options goes on.
     learnt : Cyws3D, optional
         What a 2D network starts from (see `transfer`).
+    draw : callable, optional
+        The pairs of a step, drawn by ``draw(rng, count)``, instead of those that scenes give.
+    origin : str
+        Whatever else decides the training, such as the weights that it starts from.
 
     Raises
     ------
@@ -78,10 +82,13 @@ class Trainer:
         out: Path,
         device: str = "cpu",
         learnt: Cyws3D | None = None,
+        draw: Callable[[np.random.Generator, int], list[TwoViews]] | None = None,
+        origin: str = "",
     ) -> None:
         self.model, self.config, self.out, self.device = model, config, out, device
         fixed = {k: v for k, v in asdict(config).items() if k != "pairs"}
-        self.identity = json.dumps([model, asdict(preset), fixed])
+        self.identity = json.dumps([model, asdict(preset), fixed, *([origin] if origin else [])])
+        self._given = draw
         torch.manual_seed(config.seed)
         self.network = preset.build().to(device)
         if learnt is not None and isinstance(self.network, Cyws2D):
@@ -173,6 +180,8 @@ class Trainer:
 
     def _draw(self, scenes: Sequence[SceneFrames]) -> list[TwoViews]:
         rng = np.random.default_rng([self.config.seed, self.step])
+        if self._given is not None:
+            return self._given(rng, self.config.batch)
         begin, end = self.config.cut_paste
         done = self.step / self.config.steps
         share = float(np.clip((end - done) / max(end - begin, 1e-9), 0, 1))
