@@ -1,6 +1,7 @@
 """``scenediff-experiments``: run a comparison of methods, and compare two runs."""
 
 import json
+import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -80,10 +81,11 @@ class Run:
         run = Path("experiments", config.name) if self.out is None else self.out
         store = run.resolve().parent / "store" if self.store is None else self.store
         show = Show()
-        report = run_experiment(
-            config, run, store, lambda show: self._workers(show, run), show,
-            retry=self.retry, rescore=self.rescore,
-        )  # fmt: skip
+        with _ended_gently():
+            report = run_experiment(
+                config, run, store, lambda show: self._workers(show, run), show,
+                retry=self.retry, rescore=self.rescore,
+            )  # fmt: skip
         _say(report)
 
     def _config(self) -> ExperimentConfig:
@@ -143,6 +145,20 @@ class Compare:
             path = self.out / "compare.json"
             write_atomic(path, json.dumps(content, indent=1) + "\n")
             OUT.print(f"Wrote {shown(path)}", soft_wrap=True)
+
+
+@contextmanager
+def _ended_gently() -> Iterator[None]:
+    """Take the system's request to end (SIGTERM, as batch systems send it) for Ctrl-C."""
+
+    def interrupt(number: int, frame: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before if before is not None else signal.SIG_DFL)
 
 
 def _say(report: Report) -> None:

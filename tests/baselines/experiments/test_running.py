@@ -210,6 +210,19 @@ def test_a_killed_run_continues(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_a_run_that_is_told_to_end_says_how_to_continue(tmp_path: Path) -> None:
+    running = command(write_config(tmp_path, count=2, other="takes_s = 30.0"), tmp_path)
+    while not done(tmp_path):
+        assert running.poll() is None, running.stderr and running.stderr.read()
+        time.sleep(0.02)
+    running.send_signal(signal.SIGTERM)
+    errors = running.communicate()[1].decode()
+    assert running.returncode == 130
+    assert "The same call continues" in errors
+    assert "Traceback" not in errors
+
+
+@pytest.mark.slow
 def test_a_process_that_dies_costs_its_own_cell_only(tmp_path: Path) -> None:
     path = write_config(
         tmp_path, calm='dies_on = "pair_0", dies_once = true', other='dies_on = "pair_1"'
