@@ -75,7 +75,7 @@ def slurm_cluster(jobs: int, **options: Any) -> Any:
         If the extra is not installed, or dask-jobqueue refuses the options.
     """
     try:
-        from dask_jobqueue import SLURMCluster
+        from dask_jobqueue.slurm import SLURMCluster
     except ImportError as error:
         raise InputError(_MISSING) from error
     given = {name: value for name, value in options.items() if value is not None}

@@ -144,7 +144,8 @@ def _bounds(points: np.ndarray, most: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def _place(axes: Axes, place: Place) -> None:
-    colour, at = css(KIND_COLOUR[place.kind]), list(place.at.values())
+    colour = css(KIND_COLOUR[place.kind])
+    at = [(float(x), float(y)) for x, y in place.at.values()]
     if len(at) == 2:
         axes.annotate("", at[1], at[0], arrowprops={"arrowstyle": "->", "color": colour, "lw": 1.4})
     axes.plot(*at[-1], "s", color=colour, ms=7, mec=_INK, mew=0.6)

@@ -1,6 +1,6 @@
 """A pair in space: the 3D view of the page, and cameras and objects from above."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -128,7 +128,9 @@ def _plane(up: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "2 3"]:
 
 def _place(item: ChangedObject, name: str, unit: float, axes: np.ndarray) -> Place | None:
     known: Mapping[Video, Any] = {"before": item.centroid_before, "after": item.centroid_after}
-    at = {v: axes @ (np.asarray(c, float) / unit) for v, c in known.items() if c is not None}
+    at: dict[Video, np.ndarray] = {
+        v: axes @ (np.asarray(c, float) / unit) for v, c in known.items() if c is not None
+    }
     return Place(name, item.kind, at) if at else None
 
 

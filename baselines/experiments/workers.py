@@ -135,12 +135,12 @@ def _memory_of(pid: int) -> int:
 def _work(connection: Connection, environment: dict[str, str], log: Path, task: Task) -> None:
     """What a process does: one task."""
     import cv2
-    import numba
+    import numba.core.config
     import torch
 
     os.environ.update(environment)
     threads = int(environment["NUMBA_NUM_THREADS"])
-    numba.config.reload_config()
+    numba.core.config.reload_config()
     torch.set_num_threads(threads)
     cv2.setNumThreads(threads)
     printed = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)

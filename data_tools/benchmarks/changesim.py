@@ -95,7 +95,10 @@ class ChangeSimBenchmark:
 
 
 def _condition(sequence: Path) -> Condition:
-    return next((c for c in CONDITIONS if sequence.name.endswith(f"_{c}")), "normal")
+    for condition in CONDITIONS:
+        if sequence.name.endswith(f"_{condition}"):
+            return condition
+    return "normal"
 
 
 def _problems(folder: Path) -> Iterator[str]:

@@ -84,7 +84,7 @@ class Kc3d:
             depth=z_from_ray(depth, lens) if depth_kind == "ray" else depth,
             intrinsics=lens,
             cam_from_world=pose,
-            changed=(mask > 0).reshape(height, width, -1).any(axis=2),
+            changed=np.any(mask.reshape(height, width, -1) > 0, axis=2),
         )
 
 

@@ -102,7 +102,7 @@ class Rc3dBenchmark:
     def judge(self, pair: BenchmarkPair, run: Path | None) -> BoxesOfPair:
         """Boxes of each photo against the annotated ones."""
         item = self._annotated[pair.name]
-        sizes = {video: _size(item.files[video]) for video in VIDEOS}
+        sizes: dict[Video, Size] = {video: _size(item.files[video]) for video in VIDEOS}
         found = {video: [] for video in VIDEOS} if run is None else boxes_in_both(run, sizes)
         rankings = {
             video: box_ranking_in_picture(

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from data_tools.benchmarks.benchmark import BenchmarkPair
-from data_tools.benchmarks.folder_checks import mask_problems, picture_sizes
+from data_tools.benchmarks.folder_checks import Size, mask_problems, picture_sizes
 from data_tools.benchmarks.mask_judge import MASK_METRICS, MaskJudge, mask_statistics
 from data_tools.benchmarks.rows import rendered_pairs
 from scenediff_classic.dataset import records
@@ -70,7 +70,7 @@ class RenderedBenchmark:
 
 
 def _pair(folder: Path) -> BenchmarkPair:
-    hard = _metadata(folder).get("hard") or []
+    hard = _hard_cases(folder)
     known = folder / "truth_geometry.npz"
     return BenchmarkPair(
         folder.name,
@@ -82,19 +82,18 @@ def _pair(folder: Path) -> BenchmarkPair:
     )
 
 
-def _metadata(folder: Path) -> dict[str, object]:
+def _hard_cases(folder: Path) -> list[object]:
     path = folder / "metadata.json"
     content = records.mapping(records.read_json(path), str(path))
-    records.sequence(content.get("hard") or [], f"{path}: 'hard'")
-    return content
+    return list(records.sequence(content.get("hard") or [], f"{path}: 'hard'"))
 
 
 def _problems(folder: Path) -> Iterator[str]:
     try:
-        _metadata(folder)
+        _hard_cases(folder)
     except InputError as error:
         yield str(error)
-    sizes = {video: picture_sizes(folder / video) for video in VIDEOS}
+    sizes: dict[Video, Sequence[Size]] = {v: picture_sizes(folder / v) for v in VIDEOS}
     for video, found in sizes.items():
         if not found:
             yield f"{folder / video} holds no picture that can be read."

@@ -27,7 +27,7 @@ def read_mask_picture(path: Path, above: int = 127) -> Bool[np.ndarray, "h w"]:
             values = np.asarray(picture.convert(mode))
     except (OSError, SyntaxError, Image.DecompressionBombError) as error:
         raise InputError(f"{path} cannot be read as a mask picture.") from error
-    return values > above if values.ndim == 2 else (values > above).any(axis=-1)
+    return np.any(np.atleast_3d(values) > above, axis=-1)
 
 
 def count(found: Rle | None, truth: Bool[np.ndarray, "h w"]) -> PixelCounts:
