@@ -231,7 +231,7 @@ def _name(view: View, plug_in: Any) -> str:
         value = getattr(view, item.name)
         if isinstance(value, np.ndarray):
             found.update(f"{item.name} {value.dtype} {value.shape}".encode())
-            found.update(memoryview(np.ascontiguousarray(value)))
+            found.update(np.ascontiguousarray(value).data)
     options = {k: v for k, v in json_ready(plug_in).items() if k not in _ONLY_LATER}
     files = [fingerprint(path) for path in getattr(plug_in, "files", ())]
     found.update(digest(version("scenediff-classic"), options, files).encode())
