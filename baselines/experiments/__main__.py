@@ -85,6 +85,7 @@ class Run:
             report = run_experiment(
                 config, run, store, lambda show: self._workers(show, run), show,
                 retry=self.retry, rescore=self.rescore,
+            command=("scenediff-experiments", *sys.argv[1:]),
             )  # fmt: skip
         _say(report)
 

@@ -55,6 +55,7 @@ def run_experiment(
     *,
     retry: bool = False,
     rescore: bool = False,
+    command: Sequence[str] = (),
 ) -> Report:
     """Do what is missing of an experiment, score it, and write its tables and figures.
 
@@ -70,6 +71,8 @@ def run_experiment(
         Try failed cells again.
     rescore : bool
         Judge all answers again and write everything anew.
+    command : sequence of str
+        What was typed, for the page to say.
 
     Raises
     ------
@@ -89,7 +92,7 @@ def run_experiment(
         if missing:
             for chosen in benchmarks:
                 show.notes(chosen.benchmark.problems())
-            _begin(config, benchmarks, run, started)
+            _begin(config, benchmarks, run, started, command)
             for task in missing:
                 task.record.unlink(missing_ok=True)
             with show.bars(len(missing)), engine(show) as workers:
@@ -101,7 +104,7 @@ def run_experiment(
         )  # fmt: skip
         prints.save()
         rows = [_row(cell, outcome, run) for cell, outcome in answers]
-        _write(config, benchmarks, run, rows, scores, started, rescore)
+        _write(config, benchmarks, run, rows, scores, started, command, rescore)
         written: list[Path] = []
         if config.figures:  # what is there and would be the same is left as it is
             if rescore:
@@ -140,7 +143,8 @@ def _row(cell: Cell, outcome: Outcome, run: Path) -> dict[str, Any]:
 
 def _write(
     config: ExperimentConfig, benchmarks: Sequence[Chosen], run: Path,
-    rows: list[dict[str, Any]], scores: list[dict[str, Any]], started: str, again: bool,
+    rows: list[dict[str, Any]], scores: list[dict[str, Any]], started: str,
+    command: Sequence[str], again: bool,
 ) -> None:  # fmt: skip
     """The run's three files; not if they are there and would be the same but for their times."""
     state = run / "records" / ".written.json"
@@ -150,16 +154,30 @@ def _write(
     if found is not None and found.get("key") == key and not again:
         return
     before = read_json(run / "experiment.json") or {}
-    times = {"started": before.get("started") or started, "finished": _now()}
+    times = {
+        "started": before.get("started") or started,
+        "finished": _now(),
+        "command": list(command),
+    }
     _write_json(run / "cells.json", rows)
     _write_json(run / "scores.json", scores)
     _write_json(run / "experiment.json", {**about, **times})
     _write_json(state, {"key": key})
 
 
-def _begin(config: ExperimentConfig, benchmarks: Sequence[Chosen], run: Path, started: str) -> None:
+def _begin(
+    config: ExperimentConfig,
+    benchmarks: Sequence[Chosen],
+    run: Path,
+    started: str,
+    command: Sequence[str],
+) -> None:
     before = read_json(run / "experiment.json") or {}
-    times = {"started": before.get("started") or started, "finished": None}
+    times = {
+        "started": before.get("started") or started,
+        "finished": None,
+        "command": list(command),
+    }
     _write_json(run / "experiment.json", {**_about(config, benchmarks), **times})
 
 
