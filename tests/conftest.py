@@ -1,5 +1,6 @@
 """Shape annotations are enforced while testing, and the real captures are found."""
 
+import importlib
 import os
 from pathlib import Path
 
@@ -25,6 +26,8 @@ for _folder in ("change", "features", "geometry", "regions"):
 install_import_hook(
     [f"scenediff_classic.{name}" for name in _checked], "tests.typechecking.checked"
 )
+# before pytest says what to do in a crash, so that its traceback ends a crashed run
+importlib.import_module("scenediff_classic.geometry.registration.colmap")
 
 
 @pytest.fixture(scope="session")

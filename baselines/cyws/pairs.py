@@ -179,7 +179,10 @@ def batched(pairs: Sequence[TwoViews]) -> Batch:
         if pair.across_2d is not None:
             flat = affine_2d(pair.across_2d[None], *pair.depth.shape[1:])
             geometry.across[k] = flat.across[0]
-    return Batch(images.permute(0, 1, 4, 2, 3).float() / 255, geometry, tuple(pairs))
+    # channels first in memory too: with channels last, PyTorch 2.13's convolutions crash on CPUs
+    # without AVX-512 where a width is no multiple of 8
+    images = images.permute(0, 1, 4, 2, 3).contiguous()
+    return Batch(images.float() / 255, geometry, tuple(pairs))
 
 
 def in_batches(pairs: Sequence[TwoViews], size: int) -> Iterator[Batch]:

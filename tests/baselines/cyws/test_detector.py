@@ -37,7 +37,7 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
     torch.manual_seed(0)
     path = tmp_path_factory.mktemp("weights") / "w.safetensors"
-    network = replace(PRESETS["cyws3d-small"], channels=4).build()
+    network = replace(PRESETS["cyws3d-small"], channels=8).build()
     with torch.no_grad():  # large boxes, wherever the heat has a peak
         network.get_parameter("centernet_head.wh_head.2.bias").fill_(12.0)
     write_weights(network, path)

@@ -29,7 +29,7 @@ def scenes() -> list[SceneFrames]:
 
 
 def _tiny(model: Dimension) -> Preset:
-    return replace(PRESETS["cyws2d-small" if model == "2d" else "cyws3d-small"], channels=4)
+    return replace(PRESETS["cyws2d-small" if model == "2d" else "cyws3d-small"], channels=8)
 
 
 @pytest.mark.parametrize("model", ["2d", "3d"])

@@ -1,5 +1,6 @@
 """The one door to COLMAP: import order, models in and out."""
 
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -28,6 +29,26 @@ def test_zlib_survives_our_import_of_pycolmap() -> None:
     )
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert (run.returncode, run.stdout.strip()) == (0, "99999"), run.stderr
+
+
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGSEGV"])
+def test_a_signal_ends_the_process_without_pages_of_trace(name: str) -> None:
+    program = (
+        "import scenediff_classic.geometry.registration.colmap, os, signal, time;"
+        f"os.kill(os.getpid(), signal.{name}); time.sleep(9)"
+    )
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert (run.returncode, run.stderr) == (-getattr(signal, name), "")
+
+
+def test_a_handler_of_the_users_own_stays() -> None:
+    program = (
+        "import os, signal, time; signal.signal(signal.SIGTERM, lambda *_: print('mine'));"
+        "import scenediff_classic.geometry.registration.colmap;"
+        "os.kill(os.getpid(), signal.SIGTERM); time.sleep(0.1)"
+    )
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert (run.returncode, run.stdout.strip(), run.stderr) == (0, "mine", "")
 
 
 def test_only_one_package_imports_pycolmap() -> None:
