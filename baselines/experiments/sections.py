@@ -118,16 +118,18 @@ def benchmark_section(
         if number < PICTURED:
             sections.append(section)
     methods = list(dict.fromkeys(m for _, m in run.variants(benchmark)))
+    tables = (ablation_table(run, benchmark, method) for method in methods)
+    ablations = tuple(table for table in tables if table is not None)
     chart = metric_plot(run, benchmark, titles)
     return BenchmarkSection(
         benchmark, stem(benchmark), main_table(run, benchmark),
         kind_table(run, benchmark, light) if light else None,
         tuple(t for k in names if (t := group_table(run, benchmark, k)) is not None),
         tuple(pair_table(run, benchmark, k) for k in names),
-        tuple(t for m in methods if (t := ablation_table(run, benchmark, m)) is not None),
+        ablations,
         runtime_table(run, benchmark), stage_table(run, benchmark),
         statistics_table(run, benchmark, light) if light else None,
-        published_tables(run.kind(benchmark)),
+        published_tables(run.kind(benchmark), ablation=bool(ablations)),
         _plot(run, chart, folder / "metrics", "Figures with intervals",
               "Dots: all pairs pooled. Bars: 95 % intervals over pairs.", wrote, wide=True),
         tuple(_curves(run, benchmark, methods, folder, wrote)),

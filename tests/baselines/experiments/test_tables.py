@@ -134,3 +134,6 @@ def test_published_figures_are_the_paper_s() -> None:
     varied, kitchen = published_tables("scenediff")
     assert [v.text for v in varied.rows[0]] == ["SceneDiff", "39.1", "43.8", "22.8", "18.5"]
     assert [v.text for v in kitchen.rows[1]] == ["3DGS-CD", "4.8", "0.1", "0.1", "0.1"]
+    *_, ablation = published_tables("synthetic", ablation=True)
+    assert [v.text for v in ablation.rows[0]][1:] == ["39.1", "43.8", "22.8"]
+    assert [v.text for v in ablation.rows[5]] == ["geometry cue only", "+2.1", "-12.1", "-10.3"]
