@@ -1,20 +1,52 @@
 """How likely a depth is right, told from what confirms it."""
 
+from dataclasses import dataclass
+
+import cv2
 import numpy as np
-from jaxtyping import Float32, Int32
+from jaxtyping import Float, Float32, Int32, Num
 
 RIGHT = 0.02
 """A depth counts as right within this fraction of the truth."""
 
-WEIGHTS = (4.30, 1.19, -1.94, -1.40)
-"""Logistic regression on the validation pairs against true depth: constant, log2(1 + supporters),
-cost, roughness. `docs/method.md` names the command that checks it."""
-
 SMOOTHEST, ROUGHEST = 1e-4, 1e-1
 """Relative bends of the surface below and above which roughness no longer changes."""
 
+NEIGHBOURHOOD = 5
+"""Roughness is the mean over a square of so many pixels: one bend alone is chance."""
+
+
+@dataclass(frozen=True)
+class ConfidenceWeights:
+    """Evidence that a depth is right, as the logarithm of its odds (logistic regression).
+
+    Every matcher has its own: ``python -m tests.benchmarks.stereo_confidence`` fits them.
+    """
+
+    constant: float
+    per_doubling: float
+    """Times log2(1 + supporters)."""
+    per_cost: float
+    per_roughness: float
+
+    def __call__(
+        self,
+        supporters: Num[np.ndarray, "*shape"],
+        cost: Float[np.ndarray, "*shape"],
+        rough: Float[np.ndarray, "*shape"],
+    ) -> Float[np.ndarray, "*shape"]:
+        """Probability that each depth is right (within `RIGHT` of the truth)."""
+        evidence = (
+            self.constant
+            + self.per_doubling * np.log2(1 + supporters)
+            + self.per_cost * cost
+            + self.per_roughness * rough
+        )
+        return 1 / (1 + np.exp(-evidence))
+
 
 def depth_confidence(
+    weights: ConfidenceWeights,
     depth: Float32[np.ndarray, "h w"],
     cost: Float32[np.ndarray, "h w"],
     supporters: Int32[np.ndarray, "h w"],
@@ -28,14 +60,7 @@ def depth_confidence(
     supporters : int array (h, w)
         Views whose own depth agrees.
     """
-    constant, per_supporter, per_cost, per_roughness = WEIGHTS
-    evidence = (
-        constant
-        + per_supporter * np.log2(1 + supporters)
-        + per_cost * cost
-        + per_roughness * roughness(depth)
-    )
-    probability = 1 / (1 + np.exp(-evidence))
+    probability = weights(supporters, cost, roughness(depth))
     return np.where(np.isfinite(depth), probability, 0).astype(np.float32)
 
 
@@ -43,7 +68,8 @@ def roughness(depth: Float32[np.ndarray, "h w"]) -> Float32[np.ndarray, "h w"]:
     """Decimal orders of magnitude by which a surface bends more than `SMOOTHEST`.
 
     The bend is the second difference of inverse depth, which is 0 on any plane, relative to
-    inverse depth; the larger one of along the row and along the column.
+    inverse depth; the larger one of along the row and along the column; averaged over
+    `NEIGHBOURHOOD`.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse = 1 / depth
@@ -53,4 +79,5 @@ def roughness(depth: Float32[np.ndarray, "h w"]) -> Float32[np.ndarray, "h w"]:
         bend[:, 1:-1] = across / inverse[:, 1:-1]
         bend[1:-1] = np.fmax(bend[1:-1], down / inverse[1:-1])
     bend = np.nan_to_num(bend, nan=SMOOTHEST)
-    return np.log10(np.clip(bend, SMOOTHEST, ROUGHEST) / SMOOTHEST)
+    decades = np.log10(np.clip(bend, SMOOTHEST, ROUGHEST) / SMOOTHEST)
+    return cv2.blur(decades, (NEIGHBOURHOOD, NEIGHBOURHOOD))

@@ -2,11 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float32
 
+from scenediff_classic.geometry.stereo.depth_confidence import ConfidenceWeights
 from scenediff_classic.types import View
 
 
@@ -31,6 +32,9 @@ class DepthMap:
 @runtime_checkable
 class Matcher(Protocol):
     """Finds the depth of a view in its sources. A frozen dataclass whose fields are options."""
+
+    confidence_weights: ClassVar[ConfidenceWeights]
+    """What its costs say about how likely its depth is right."""
 
     def search(self, view: View, others: Sequence[View], points: np.ndarray) -> DepthMap:
         """Depth from pictures alone; `points` (n, 3) are world points that the view observes."""

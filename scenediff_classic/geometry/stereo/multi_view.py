@@ -156,8 +156,13 @@ class StereoWork:
     ) -> tuple[Float32[np.ndarray, "h w"], Int32[np.ndarray, "h w"]]:
         """How likely the depth of a view is right, and how many others confirm it."""
         supporters = self._supporters(found[i], [found[s] for s in self.sources[i]])
-        cost = self._map("second", i).cost
-        return depth_confidence(found[i].depth, cost, supporters), supporters
+        cost = self.cost(i)
+        weights = self.stereo.matcher.confidence_weights
+        return depth_confidence(weights, found[i].depth, cost, supporters), supporters
+
+    def cost(self, i: int) -> Float32[np.ndarray, "h w"]:
+        """What the second pass left at each pixel: 0 (looks identical) to 1 (nothing like it)."""
+        return self._map("second", i).cost
 
     def _first(self, i: int, view: View, others: Sequence[View]) -> DepthMap:
         digest = self._digest(i, view, others, self.stereo.matcher)

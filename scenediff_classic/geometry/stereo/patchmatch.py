@@ -6,12 +6,13 @@ second pass, once every view has depth, also asks what depth the sources found t
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from jaxtyping import Bool, Float32
 
 from scenediff_classic.devices import Device
+from scenediff_classic.geometry.stereo.depth_confidence import ConfidenceWeights
 from scenediff_classic.geometry.stereo.depth_map import DepthMap
 from scenediff_classic.geometry.stereo.devices import Kernels, kernels_for
 from scenediff_classic.geometry.stereo.kernels import Rules
@@ -58,6 +59,7 @@ DOUBT = 0.1
 class PatchMatch:
     """Depth by PatchMatch. Lengths are pixels or relative to depth: the world's unit is free."""
 
+    confidence_weights: ClassVar[ConfidenceWeights] = ConfidenceWeights(9.12, 0.83, -1.53, -3.53)
     best_sources: int = 2
     """A plane is judged by its best few sources; the others may be occluded."""
     radius: int = 4

@@ -8,12 +8,14 @@ paths (H. Hirschmueller, Stereo processing by semiglobal matching and mutual inf
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, UInt8
 
 from scenediff_classic.geometry.stereo import sweep_kernels as kernels
+from scenediff_classic.geometry.stereo.depth_confidence import ConfidenceWeights
 from scenediff_classic.geometry.stereo.depth_map import DepthMap
 from scenediff_classic.geometry.stereo.patchmatch import PatchMatch
 from scenediff_classic.geometry.stereo.pyramid import Pictures, pictures_at
@@ -49,6 +51,7 @@ _TO_CENTRES = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
 class PlaneSweep:
     """Depth by a plane sweep. Lengths are pixels or relative to depth: the world's unit is free."""
 
+    confidence_weights: ClassVar[ConfidenceWeights] = ConfidenceWeights(8.56, 0.97, -1.19, -3.45)
     best_sources: int = 2
     """A plane is judged by its best few sources; the others may be occluded."""
     radius: int = 2
