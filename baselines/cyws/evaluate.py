@@ -6,6 +6,7 @@ finished runs OUT/<pair> of the method.
 """
 
 import json
+import math
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -49,8 +50,9 @@ class Scores:
     """Of pairs up to 20 degrees apart."""
     ap50_wide: float
     no_change_pairs: int
-    false_boxes: float
-    """Filtered boxes above 0.3 in both pictures of a pair without any change, on average."""
+    false_boxes: float | None
+    """Filtered boxes above 0.3 in both pictures of a pair without any change, on average; None
+    without such pairs."""
     seconds: float
     """Processor time for a pair."""
 
@@ -96,8 +98,8 @@ class Evaluate:
                 results[f"{model}, {name}"] = judge(network, pairs, convention=self.convention)
         Console().print(table(results))
         if self.out is not None:
-            content = {name: asdict(scores) for name, scores in results.items()}
-            write_atomic(self.out, json.dumps(content, indent=1) + "\n")
+            content = {name: _known(asdict(scores)) for name, scores in results.items()}
+            write_atomic(self.out, json.dumps(content, indent=1, allow_nan=False) + "\n")
         return results
 
     def _columns(self, size: tuple[int, int]) -> dict[str, list[SceneFrames]]:
@@ -156,7 +158,7 @@ def judge(
         ap50_narrow=ap(raw, turn <= WIDE),
         ap50_wide=ap(raw, turn > WIDE),
         no_change_pairs=len(quiet),
-        false_boxes=2 * float(np.mean(false)) if false else float("nan"),
+        false_boxes=2 * float(np.mean(false)) if false else None,
         seconds=seconds,
     )
 
@@ -174,6 +176,11 @@ def _found(
     return out
 
 
+def _known(figures: dict[str, float | None]) -> dict[str, float | None]:
+    """An AP without any truth as None: JSON has no NaN."""
+    return {k: v if v is None or math.isfinite(v) else None for k, v in figures.items()}
+
+
 def table(results: dict[str, Scores]) -> Table:
     """The figures side by side, in percent."""
     out = Table(
@@ -185,7 +192,8 @@ def table(results: dict[str, Scores]) -> Table:
         out.add_column(head, justify="right")
     for name, s in results.items():
         aps = (s.ap50, s.ap50_filtered, s.ap50_narrow, s.ap50_wide)
-        false = f"{s.false_boxes:.2f} ({s.no_change_pairs} pairs)"
+        shown = "-" if s.false_boxes is None else f"{s.false_boxes:.2f}"
+        false = f"{shown} ({s.no_change_pairs} pairs)"
         row = (f"{s.pairs}", f"{s.boxes}", *(f"{100 * v:.1f}" for v in aps), false)
         out.add_row(name, *row, f"{1000 * s.seconds:.0f}")
     return out

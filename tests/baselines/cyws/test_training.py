@@ -88,6 +88,7 @@ def test_both_conventions_of_boxes() -> None:
     )  # fmt: skip
     # 49 of 100 square pixels are shared; with a pixel more on every side, 81 of 144
     assert judge(_SevenWide(), [pair]).ap50 == 0
+    assert judge(_SevenWide(), [pair]).false_boxes is None  # for want of a pair without change
     assert judge(_SevenWide(), [pair], convention="wide").ap50 == 1
 
 
