@@ -9,7 +9,7 @@ the object is missing. All figures are given with this rule and without it.
 import json
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import Literal
@@ -83,8 +83,9 @@ class BoxScores:
         pairs = [(read_annotations(f), read_boxes(there[f]) if f in there else ()) for f in counted]
         rows: dict[str, Figures] = {}
         for shape in SHAPES:
+            overlaps = [compared(truth, boxes, shape, rules) for truth, boxes in pairs]
             for ignore in (False, True):
-                rankings = [ranking(truth, boxes, shape, rules, ignore) for truth, boxes in pairs]
+                rankings = [ranking(overlap, rules, ignore) for overlap in overlaps]
                 name = "raw boxes" if shape == "box" else "masks of the boxes"
                 rows[name + (", ignore rule" if ignore else "")] = _figures(rankings, rules)
         objects = evaluate(self.runs, self.truth, self.mode).metrics.obj_im_ap
@@ -99,29 +100,49 @@ class BoxScores:
         return rows
 
 
-def ranking(
-    truth: AnnotatedPair, boxes: Sequence[RawBox], shape: Shape, rules: Rules, ignore: bool
-) -> Ranking:
-    """The boxes of one pair, the surest first, judged.
+@dataclass(frozen=True)
+class Compared:
+    """Boxes of one pair, the surest first, laid over the truth."""
+
+    score: Float64[np.ndarray, "n"]
+    own: Float64[np.ndarray, "n m"]
+    """IoU of every box with every truth."""
+    partner: Float64[np.ndarray, "n m"]
+    """The same of its partner."""
+
+
+def compared(truth: AnnotatedPair, boxes: Sequence[RawBox], shape: Shape, rules: Rules) -> Compared:
+    """Lay boxes, or their masks, over the truth.
 
     Parameters
     ----------
     shape : {"box", "mask"}
         What is laid over the truth: the box over the box of the true mask, or the mask that
         regions made of it over the true mask, at the grid of the rules.
+    """
+    boxes = sorted(boxes, key=lambda box: -box.score)
+    true = _true_spots(truth)
+    grid = rules.grid(truth, _prediction(boxes))
+    return Compared(
+        np.array([box.score for box in boxes], float),
+        _overlap([box.here for box in boxes], true, shape, grid),
+        _overlap([box.partner for box in boxes], true, shape, grid),
+    )
+
+
+def ranking(overlap: Compared, rules: Rules, ignore: bool) -> Ranking:
+    """The boxes of one pair, judged.
+
+    Parameters
+    ----------
     ignore : bool
         Leave out false boxes whose partner is right (see `matching.ignore_partnered`).
     """
-    true = _true_spots(truth)
-    grid = rules.grid(truth, _prediction(boxes))
-    score = np.array([b.score for b in boxes], float)
-    order = np.argsort(-score, kind="stable")
-    verdicts = rules.match_regions(_overlap([b.here for b in boxes], true, shape, grid)[order])
+    verdicts = rules.match_regions(overlap.own)
     if ignore:
-        partners = _overlap([b.partner for b in boxes], true, shape, grid)
-        verdicts = ignore_partnered(verdicts, partners[order])
+        verdicts = ignore_partnered(verdicts, overlap.partner)
     kept = verdicts != DROPPED
-    return Ranking(score[order][kept], verdicts[kept] == HIT, len(true))
+    return Ranking(overlap.score[kept], verdicts[kept] == HIT, overlap.own.shape[1])
 
 
 def _true_spots(pair: AnnotatedPair) -> list[Spot]:
@@ -150,22 +171,25 @@ def _overlap(
     spots: Sequence[Spot | None], true: Sequence[Spot], shape: Shape, grid: Grid
 ) -> Float64[np.ndarray, "n m"]:
     out = np.zeros((len(spots), len(true)))
-    columns: dict[tuple[str, int], list[int]] = {}
+    columns: dict[tuple[str, int], list[tuple[int, Spot]]] = {}
     for column, spot in enumerate(true):
-        columns.setdefault((spot.video, spot.frame), []).append(column)
+        placed = _on_grid(spot, grid) if shape == "mask" else spot
+        columns.setdefault((spot.video, spot.frame), []).append((column, placed))
     for row, spot in enumerate(spots):
-        if spot is None:
+        here = columns.get((spot.video, spot.frame)) if spot else None
+        if spot is None or here is None:
             continue
-        for column in columns.get((spot.video, spot.frame), ()):
-            out[row, column] = _iou(spot, true[column], shape, grid)
+        placed = _on_grid(spot, grid) if shape == "mask" else spot
+        for column, other in here:
+            if shape == "mask":
+                out[row, column] = masks.iou(placed.mask, other.mask)
+            else:
+                out[row, column] = box_iou(_share(placed), _share(other))
     return out
 
 
-def _iou(one: Spot, two: Spot, shape: Shape, grid: Grid) -> float:
-    if shape == "mask":
-        size = grid(one.video, one.frame)
-        return masks.iou(masks.resize(one.mask, *size), masks.resize(two.mask, *size))
-    return box_iou(_share(one), _share(two))
+def _on_grid(spot: Spot, grid: Grid) -> Spot:
+    return replace(spot, mask=masks.resize(spot.mask, *grid(spot.video, spot.frame)))
 
 
 def _share(spot: Spot) -> tuple[float, float, float, float]:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from baselines.cyws.box_scores import BoxScores, Shape, ranking
+from baselines.cyws.box_scores import BoxScores, Shape, compared, ranking
 from baselines.cyws.decoder import HeadMaps
 from baselines.cyws.presets import Preset
 from baselines.cyws.raw_boxes import NAME, RawBox, Spot, boxes_text, read_boxes, source_box
@@ -22,8 +22,8 @@ from scenediff_classic.dataset import (
     write_annotations,
 )
 from scenediff_classic.errors import InputError
-from scenediff_classic.evaluation.average_precision import average_precision
-from scenediff_classic.evaluation.rules import rules_of
+from scenediff_classic.evaluation.average_precision import Ranking, average_precision
+from scenediff_classic.evaluation.rules import Mode, rules_of
 from scenediff_classic.masks import encode
 from scenediff_classic.types import Geometry, Lens, SparsePoints, Video, View
 
@@ -40,6 +40,18 @@ def _truth() -> AnnotatedPair:
     return AnnotatedPair("synthetic", (gone,), (AnnotatedObject(1, "mug_1", True, False),))
 
 
+def _judged(
+    boxes: list[RawBox],
+    shape: Shape,
+    mode: Mode = "strict",
+    *,
+    ignore: bool = False,
+    truth: AnnotatedPair | None = None,
+) -> Ranking:
+    rules = rules_of(mode)
+    return ranking(compared(truth or _truth(), boxes, shape, rules), rules, ignore)
+
+
 RIGHT = RawBox(_spot("before", 6, 5), 0.6, None)
 WHERE_IT_LACKS = RawBox(_spot("after", 30, 20), 0.9, _spot("before", 5, 6))
 WRONG = RawBox(_spot("after", 40, 20), 0.8, _spot("before", 30, 6))
@@ -48,32 +60,30 @@ ALONE = RawBox(_spot("after", 10, 0), 0.7, None)
 
 @pytest.mark.parametrize("shape", ["box", "mask"])
 @pytest.mark.parametrize("mode", ["strict", "official"])
-def test_a_false_box_is_ignored_for_a_right_partner_alone(shape: Shape, mode) -> None:
+def test_a_false_box_is_ignored_for_a_right_partner_alone(shape: Shape, mode: Mode) -> None:
     boxes = [RIGHT, WHERE_IT_LACKS, WRONG, ALONE]
-    rules = rules_of(mode)
-    plain = ranking(_truth(), boxes, shape, rules, ignore=False)
+    plain = _judged(boxes, shape, mode, ignore=False)
     assert plain.confidence.tolist() == [0.9, 0.8, 0.7, 0.6]
     assert plain.hit.tolist() == [False, False, False, True]
     assert plain.positives == 1
-    kind = ranking(_truth(), boxes, shape, rules, ignore=True)
+    kind = _judged(boxes, shape, mode, ignore=True)
     assert kind.confidence.tolist() == [0.8, 0.7, 0.6]
     assert (average_precision(plain), average_precision(kind)) == pytest.approx((1 / 4, 1 / 3))
 
 
 def test_a_right_box_counts_whatever_its_partner() -> None:
     also = replace(RIGHT, partner=_spot("after", 0, 0))
-    judged = ranking(_truth(), [also], "box", rules_of("strict"), ignore=True)
+    judged = _judged([also], "box", ignore=True)
     assert judged.hit.tolist() == [True]
 
 
 def test_box_and_mask_are_judged_apart() -> None:
     half = _spot("before", 5, 5, 10, 4)  # a mask of less than half of a right box
     item = RawBox(Spot("before", 0, (5, 5, 10, 10), half.mask), 0.5, None)
-    rules = rules_of("strict")
-    assert ranking(_truth(), [item], "box", rules, False).hit.tolist() == [True]
-    assert ranking(_truth(), [item], "mask", rules, False).hit.tolist() == [False]
+    assert _judged([item], "box").hit.tolist() == [True]
+    assert _judged([item], "mask").hit.tolist() == [False]
     other_frame = RawBox(_spot("before", 5, 5, frame=1), 0.5, None)
-    assert ranking(_truth(), [other_frame], "box", rules, False).hit.tolist() == [False]
+    assert _judged([other_frame], "box").hit.tolist() == [False]
 
 
 def test_truth_of_another_size_is_the_same_truth() -> None:
@@ -82,7 +92,7 @@ def test_truth_of_another_size_is_the_same_truth() -> None:
     gone = Track("before", 1, (AnnotatedMask(0, encode(mask)),))
     truth = replace(_truth(), tracks=(gone,))
     for shape in ("box", "mask"):
-        judged = ranking(truth, [RIGHT], shape, rules_of("strict"), False)
+        judged = _judged([RIGHT], shape, truth=truth)
         assert judged.hit.tolist() == [True]
 
 
