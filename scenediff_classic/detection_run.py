@@ -27,6 +27,7 @@ from scenediff_classic.result.writing import write_result
 from scenediff_classic.run_folder import Run, open_run
 from scenediff_classic.types import Capture, ChangeResult, Evidence, Video
 from scenediff_classic.video import fingerprint, read_capture
+from scenediff_classic.workspace import write_atomic
 
 _PACKAGES = (
     "scenediff-classic", "numpy", "scipy", "numba", "torch", "pycolmap", "open3d", "scikit-image",
@@ -149,6 +150,8 @@ def _produce(
     progress("write", 2, 4)
     write_report(result, evidence, *captures, info, run.folder / "report.html")
     progress("write", 3, 4)
+    for name, text in evidence.files.items():
+        write_atomic(run.folder / name, text)
     write_result(result, run.folder / "changes.json")
     write_run(info, run.folder / "run.json")
     run.finish()

@@ -8,6 +8,7 @@ Conventions, kept everywhere in the project:
 * ``depth`` is z-depth in the world's unit; NaN means unknown.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -333,6 +334,8 @@ class Evidence:
     stage_seconds: dict[str, float] = field(default_factory=dict)
     comparisons: tuple[Comparison, ...] = ()
     """Of methods that compare pictures with renders."""
+    files: Mapping[str, str] = field(default_factory=dict)
+    """Name -> text of further files that a method leaves in the output folder."""
 
 
 PointCloud = Float[np.ndarray, "n 3"]

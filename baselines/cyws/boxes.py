@@ -4,13 +4,17 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Float32
+from jaxtyping import Bool, Float, Float32, Int64
 
 from baselines.cyws.decoder import HeadMaps
 from baselines.cyws.registration import Registration
 
+Corners = tuple[float, float, float, float]
+"""x0, y0, x1, y1 in pixels."""
 TOP = 100
 """Boxes of a picture at most."""
+PAIRED = 0.1
+"""Score above which boxes are paired, as published."""
 
 
 @dataclass(frozen=True)
@@ -34,8 +38,8 @@ class Boxes:
 class BoxPair:
     """One change: its box in the first picture and in the second; one of them may be missing."""
 
-    first: tuple[float, float, float, float] | None
-    second: tuple[float, float, float, float] | None
+    first: Corners | None
+    second: Corners | None
     score: float
 
 
@@ -84,19 +88,29 @@ def iou(a: Float[np.ndarray, "n 4"], b: Float[np.ndarray, "m 4"]) -> Float[np.nd
 
 def suppress(boxes: Boxes, overlap: float = 0.2) -> Boxes:
     """Greedy non-maximum suppression: of boxes that overlap more, the best stays."""
+    return boxes.take(survivors(boxes, overlap))
+
+
+def survivors(boxes: Boxes, overlap: float = 0.2) -> Int64[np.ndarray, "k"]:
+    """Rows that non-maximum suppression leaves, the best first (see `suppress`)."""
     keep: list[int] = []
     rest = np.argsort(-boxes.score, kind="stable")
     while len(rest):
         best, rest = int(rest[0]), rest[1:]
         keep.append(best)
         rest = rest[iou(boxes.xyxy[[best]], boxes.xyxy[rest])[0] <= overlap]
-    return boxes.take(np.array(keep, int))
+    return np.array(keep, np.int64)
 
 
 def filtered(boxes: Boxes, height: int, width: int) -> Boxes:
     """As before pairing: no boxes below 400 of 224 x 224 square pixels, none that overlap."""
     large = areas(boxes.xyxy) >= 400 / 224**2 * height * width
     return suppress(boxes.take(np.flatnonzero(large)))
+
+
+def grown(boxes: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 4"]:
+    """A pixel larger on every side, as the published evaluation of CYWS-2D has all boxes."""
+    return boxes + np.array([-1, -1, 1, 1], boxes.dtype)
 
 
 def pair_boxes(
@@ -106,7 +120,7 @@ def pair_boxes(
     size_second: tuple[int, int],
     registration: Registration | None,
     pair: int = 0,
-    least: float = 0.1,
+    least: float = PAIRED,
 ) -> list[BoxPair]:
     """Which boxes of the two pictures are one change.
 
@@ -145,11 +159,11 @@ def pair_boxes(
             continue
         used[0].add(a)
         used[1].add(b)
-        out.append(BoxPair(_tuple(first, a), _tuple(second, b), score))
+        out.append(BoxPair(corners_of(first, a), corners_of(second, b), score))
     for side in (0, 1):
         for k in np.flatnonzero(boxes[side].score > least):
             if int(k) not in used[side]:
-                one = _tuple(boxes[side], int(k))
+                one = corners_of(boxes[side], int(k))
                 ends = (one, None) if side == 0 else (None, one)
                 out.append(BoxPair(*ends, float(boxes[side].score[k])))
     return sorted(out, key=lambda p: -p.score)
@@ -161,6 +175,7 @@ def _holds(boxes: Boxes, xy: np.ndarray) -> Bool[np.ndarray, "n"]:
     return (b[:, 0] <= xy[0]) & (xy[0] <= b[:, 2]) & (b[:, 1] <= xy[1]) & (xy[1] <= b[:, 3])
 
 
-def _tuple(boxes: Boxes, k: int) -> tuple[float, float, float, float]:
+def corners_of(boxes: Boxes, k: int) -> Corners:
+    """One of the boxes."""
     x0, y0, x1, y1 = (float(v) for v in boxes.xyxy[k])
     return x0, y0, x1, y1

@@ -7,15 +7,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from jaxtyping import Bool, Int32
 
-from baselines.cyws.boxes import Boxes, decode, filtered, suppress
-from baselines.cyws.pairs import batched
-from baselines.cyws.presets import Dimension, Preset
-from baselines.cyws.view_pairs import two_views
+from baselines.cyws.boxes import PAIRED, Corners
+from baselines.cyws.presets import Dimension
+from baselines.cyws.raw_boxes import NAME, RawBox, Spot, boxes_text, source_box
+from baselines.cyws.view_boxes import FoundBox, view_boxes
 from baselines.cyws.weights import SHIPPED, load_network
-from scenediff_classic.cameras import project, sample, unproject
+from scenediff_classic.cameras import mask_to_source, project, sample, unproject
 from scenediff_classic.change.changed_regions import ChangedRegion, ObjectConfig, main_parts
 from scenediff_classic.change.describe import ConfidenceConfig, describe
 from scenediff_classic.change.moves import Change
@@ -25,6 +24,7 @@ from scenediff_classic.change.visibility import VisibilityConfig, pair_views
 from scenediff_classic.devices import Device, chosen_device
 from scenediff_classic.errors import AlignmentError
 from scenediff_classic.geometry.from_pictures import GeometryFromPictures
+from scenediff_classic.masks import encode
 from scenediff_classic.protocols import GeometryEstimator, Progress, RegionProposer, silent
 from scenediff_classic.regions.boundary_merging import BoundaryMergingRegions
 from scenediff_classic.types import (
@@ -105,13 +105,14 @@ def detect_with_cyws(
         raise AlignmentError("No picture of one capture could be placed in the other's scene.")
     seconds["geometry"], start = time.perf_counter() - start, time.perf_counter()
     pairs = pair_views(geometry, config.visibility)
-    boxes = view_boxes(network, preset, geometry, pairs, config, progress)
+    least, device = min(config.least, PAIRED), chosen_device(config.device)
+    boxes = view_boxes(network, preset, geometry, pairs, least, device, progress)
     seconds["boxes"], start = time.perf_counter() - start, time.perf_counter()
-    found, maps = [], []
+    found, maps, proposals = [], [], []
     for k, view in enumerate(geometry.views):
-        proposal = config.regions(view)
+        proposals.append(config.regions(view))
         others = [geometry.views[a + b - k] for a, b in pairs if k in (a, b)]
-        here = _regions_of_boxes(k, view, proposal, boxes[k], others, config)
+        here = _regions_of_boxes(k, view, proposals[k], boxes[k], others, config)
         found.extend(here)
         maps.append(_maps(view, here))
         progress("masks", k + 1, len(geometry.views))
@@ -129,42 +130,8 @@ def detect_with_cyws(
         bridge=geometry.bridge,
     )
     world = estimated if estimated.unit == 1 else rescaled(estimated, 1 / estimated.unit)
-    return result, Evidence(world, tuple(maps), pairs, seconds)
-
-
-def view_boxes(
-    network: torch.nn.Module,
-    preset: Preset,
-    geometry: Geometry,
-    pairs: Sequence[tuple[int, int]],
-    config: CywsConfig,
-    progress: Progress = silent,
-) -> list[Boxes]:
-    """Boxes of every view from all its pairs, each change once, in pixels of the view."""
-    device = chosen_device(config.device)
-    network = network.to(device).eval()
-    size = preset.height, preset.width
-    found: list[list[Boxes]] = [[] for _ in geometry.views]
-    for done, pair in enumerate(pairs):
-        first, second = (geometry.views[k] for k in pair)
-        batch = batched([two_views(first, second, preset.height, preset.width)])
-        with torch.inference_mode():
-            maps = network(batch.images.to(device), batch.registration.to(device))
-        for k, boxes in zip(pair, decode(maps, *size), strict=True):
-            rows, columns = geometry.views[k].shape
-            tidy = filtered(boxes, *size)
-            sure = tidy.take(np.flatnonzero(tidy.score > config.least))
-            found[k].append(sure.scaled(columns / size[1], rows / size[0]))
-        progress("boxes", done + 1, len(pairs))
-    return [suppress(_together(b)) for b in found]
-
-
-def _together(many: Sequence[Boxes]) -> Boxes:
-    none = np.zeros((0, 4), np.float32)
-    return Boxes(
-        np.concatenate([none, *(b.xyxy for b in many)]),
-        np.concatenate([none[:, 0], *(b.score for b in many)]),
-    )
+    files = {NAME: boxes_text(_as_reported(geometry, proposals, boxes, config.inside))}
+    return result, Evidence(world, tuple(maps), pairs, seconds, files=files)
 
 
 # --- from boxes to objects ----------------------------------------------------------------------
@@ -190,13 +157,13 @@ def _regions_of_boxes(
     k: int,
     view: View,
     proposal: Regions,
-    boxes: Boxes,
+    boxes: Sequence[FoundBox],
     others: Sequence[View],
     config: CywsConfig,
 ) -> list[ChangedRegion]:
     out, points = [], unproject(view)
-    for number, (box, score) in enumerate(zip(boxes.xyxy, boxes.score, strict=True)):
-        mask = box_mask(proposal.labels, box, config.inside) & ~view.ignore
+    for number, box in enumerate(b for b in boxes if b.score > config.least):
+        mask = box_mask(proposal.labels, box.xyxy, config.inside) & ~view.ignore
         cloud = points[mask]
         cloud = cloud[np.isfinite(cloud).all(axis=1)].astype(np.float64)
         if not len(cloud) or not _stands(cloud, others, config.nearer):
@@ -206,13 +173,38 @@ def _regions_of_boxes(
                 view=k,
                 label=number,
                 mask=mask,
-                score=float(score),
+                score=box.score,
                 terms=TermScores(0.0, 0.0, 0.0),
                 descriptor=np.ones(1, np.float32),
                 points=main_parts(cloud, config.objects),
             )
         )
     return out
+
+
+def _as_reported(
+    geometry: Geometry,
+    proposals: Sequence[Regions],
+    boxes: Sequence[Sequence[FoundBox]],
+    inside: float,
+) -> list[RawBox]:
+    """All boxes, those that became no object among them, in pixels of the input pictures."""
+
+    def spot(k: int, xyxy: Corners) -> Spot:
+        view = geometry.views[k]
+        mask = box_mask(proposals[k].labels, xyxy, inside) & ~view.ignore
+        in_source = encode(mask_to_source(mask, view.lens, view.intrinsics))
+        return Spot(view.video, view.index, source_box(xyxy, view), in_source)
+
+    return [
+        RawBox(
+            spot(k, box.xyxy),
+            box.score,
+            box.partner and spot(box.partner.view, box.partner.xyxy),
+        )
+        for k, found in enumerate(boxes)
+        for box in found
+    ]
 
 
 def _stands(points: np.ndarray, others: Sequence[View], nearer: float) -> bool:

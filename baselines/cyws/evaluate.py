@@ -6,6 +6,7 @@ finished runs OUT/<pair> of the method.
 """
 
 import json
+import math
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -19,12 +20,13 @@ from rich.console import Console
 from rich.table import Table
 
 from baselines.cyws.average_precision import average_precision, hits
-from baselines.cyws.boxes import Boxes, decode, filtered
+from baselines.cyws.boxes import Boxes, decode, filtered, grown
 from baselines.cyws.pairs import TwoViews, in_batches, judged_pairs
 from baselines.cyws.presets import Dimension
 from baselines.cyws.rendered_folders import finished_geometry, read_rendered, resized, with_geometry
 from baselines.cyws.scenes import SceneFrames, ScenesOf, read_shards
 from baselines.cyws.weights import SHIPPED, load_network
+from data_tools.benchmarks.box_ap import Convention
 from scenediff_classic.errors import InputError, SceneDiffError
 from scenediff_classic.workspace import write_atomic
 
@@ -48,8 +50,9 @@ class Scores:
     """Of pairs up to 20 degrees apart."""
     ap50_wide: float
     no_change_pairs: int
-    false_boxes: float
-    """Filtered boxes above 0.3 in both pictures of a pair without any change, on average."""
+    false_boxes: float | None
+    """Filtered boxes above 0.3 in both pictures of a pair without any change, on average; None
+    without such pairs."""
     seconds: float
     """Processor time for a pair."""
 
@@ -70,26 +73,33 @@ class Evaluate:
     models: tuple[Dimension, ...] = ("3d", "2d")
     per_scene: int = 4
     """Pairs of frames from each scene."""
+    convention: Convention = "half-open"
+    """wide: all boxes grow by a pixel of the network's picture on every side, as they do in the
+    published evaluation of CYWS-2D."""
     out: Path | None = None
     """File for the figures (JSON)."""
 
     def __call__(self) -> dict[str, Scores]:
         """Judge every network on the same pairs."""
         torch.set_num_threads(1)
-        results = {}
+        results: dict[str, Scores] = {}
+        read: dict[tuple[int, int], dict[str, list[SceneFrames]]] = {}
         for model in self.models:
             path = self.weights_3d if model == "3d" else self.weights_2d
             network, preset = load_network(path)
-            columns = self._columns((preset.height, preset.width))
+            size = preset.height, preset.width
+            if size not in read:
+                read[size] = self._columns(size)
+            columns = read[size]
             if model == "2d":
                 columns = {"pictures": columns["true geometry"]}
             for name, scenes in columns.items():
                 pairs = judged_pairs(scenes, self.per_scene)
-                results[f"{model}, {name}"] = judge(network, pairs)
+                results[f"{model}, {name}"] = judge(network, pairs, convention=self.convention)
         Console().print(table(results))
         if self.out is not None:
-            content = {name: asdict(scores) for name, scores in results.items()}
-            write_atomic(self.out, json.dumps(content, indent=1) + "\n")
+            content = {name: _known(asdict(scores)) for name, scores in results.items()}
+            write_atomic(self.out, json.dumps(content, indent=1, allow_nan=False) + "\n")
         return results
 
     def _columns(self, size: tuple[int, int]) -> dict[str, list[SceneFrames]]:
@@ -103,22 +113,27 @@ class Evaluate:
             raise InputError(f"{self.rendered} holds no rendered pairs.")
         columns: dict[str, list[SceneFrames]] = {"true geometry": []}
         for folder in folders:
-            scene = read_rendered(folder)
-            columns["true geometry"].append(resized(scene, *size))
+            scene = read_rendered(folder, size)
+            columns["true geometry"].append(scene)
             if self.runs is not None:
                 found = with_geometry(scene, finished_geometry(folder, self.runs / folder.name))
-                columns.setdefault("estimated geometry", []).append(resized(found, *size))
+                columns.setdefault("estimated geometry", []).append(found)
         return columns
 
 
-def judge(network: torch.nn.Module, pairs: Sequence[TwoViews], batch: int = 8) -> Scores:
+def judge(
+    network: torch.nn.Module,
+    pairs: Sequence[TwoViews],
+    batch: int = 8,
+    convention: Convention = "half-open",
+) -> Scores:
     """Run a network over pairs of one size."""
     start = process_time()
-    found = _found(network, pairs, batch)
+    raw = _found(network, pairs, batch)
     seconds = (process_time() - start) / max(len(pairs), 1)
     turn = np.array([pair.turn for pair in pairs])
     height, width = pairs[0].images.shape[1:3]
-    tidy = [(filtered(a, height, width), filtered(b, height, width)) for a, b in found]
+    tidy = [(filtered(a, height, width), filtered(b, height, width)) for a, b in raw]
     quiet = [k for k, pair in enumerate(pairs) if not len(pair.boxes)]
     false = [int((boxes.score > SURE).sum()) for k in quiet for boxes in tidy[k]]
 
@@ -126,9 +141,11 @@ def judge(network: torch.nn.Module, pairs: Sequence[TwoViews], batch: int = 8) -
         score, right, total = [], [], 0
         for k in np.flatnonzero(chosen).tolist():
             for side in (0, 1):
-                truth = pairs[k].boxes[:, side]
-                score.append(boxes[k][side].score)
-                right.append(hits(boxes[k][side], truth))
+                truth, found = pairs[k].boxes[:, side], boxes[k][side]
+                score.append(found.score)
+                if convention == "wide":
+                    found, truth = Boxes(grown(found.xyxy), found.score), grown(truth)
+                right.append(hits(found, truth))
                 total += len(truth)
         return average_precision(score, right, total)
 
@@ -136,12 +153,12 @@ def judge(network: torch.nn.Module, pairs: Sequence[TwoViews], batch: int = 8) -
     return Scores(
         pairs=len(pairs),
         boxes=sum(2 * len(pair.boxes) for pair in pairs),
-        ap50=ap(found, every),
+        ap50=ap(raw, every),
         ap50_filtered=ap(tidy, every),
-        ap50_narrow=ap(found, turn <= WIDE),
-        ap50_wide=ap(found, turn > WIDE),
+        ap50_narrow=ap(raw, turn <= WIDE),
+        ap50_wide=ap(raw, turn > WIDE),
         no_change_pairs=len(quiet),
-        false_boxes=2 * float(np.mean(false)) if false else float("nan"),
+        false_boxes=2 * float(np.mean(false)) if false else None,
         seconds=seconds,
     )
 
@@ -159,6 +176,11 @@ def _found(
     return out
 
 
+def _known(figures: dict[str, float | None]) -> dict[str, float | None]:
+    """An AP without any truth as None: JSON has no NaN."""
+    return {k: v if v is None or math.isfinite(v) else None for k, v in figures.items()}
+
+
 def table(results: dict[str, Scores]) -> Table:
     """The figures side by side, in percent."""
     out = Table(
@@ -170,7 +192,8 @@ def table(results: dict[str, Scores]) -> Table:
         out.add_column(head, justify="right")
     for name, s in results.items():
         aps = (s.ap50, s.ap50_filtered, s.ap50_narrow, s.ap50_wide)
-        false = f"{s.false_boxes:.2f} ({s.no_change_pairs} pairs)"
+        shown = "-" if s.false_boxes is None else f"{s.false_boxes:.2f}"
+        false = f"{shown} ({s.no_change_pairs} pairs)"
         row = (f"{s.pairs}", f"{s.boxes}", *(f"{100 * v:.1f}" for v in aps), false)
         out.add_row(name, *row, f"{1000 * s.seconds:.0f}")
     return out

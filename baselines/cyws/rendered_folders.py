@@ -11,6 +11,7 @@ from PIL import Image
 
 from baselines.cyws.scenes import SceneFrames, Sites
 from data_tools.synthetic_pairs.scene import PairSpec, compose
+from data_tools.synthetic_pairs.tracer import Camera
 from scenediff_classic.cameras import scale_intrinsics
 from scenediff_classic.errors import InputError
 from scenediff_classic.geometry.store import SavedGeometry
@@ -20,8 +21,14 @@ from scenediff_classic.video import read_capture
 from scenediff_classic.workspace import load_npz
 
 
-def read_rendered(folder: Path) -> SceneFrames:
+def read_rendered(folder: Path, size: tuple[int, int] | None = None) -> SceneFrames:
     """All frames of a rendered pair; its scene is composed anew to box what is not there.
+
+    Parameters
+    ----------
+    size : (height, width), optional
+        Of the frames instead of their own, whatever the aspect. Boxes are then traced at that
+        size, in a fraction of the time.
 
     Raises
     ------
@@ -39,21 +46,37 @@ def read_rendered(folder: Path) -> SceneFrames:
     options = {k: tuple(v) if isinstance(v, list) else v for k, v in about.items() if k in known}
     # where things stand does not depend on their textures, and small ones are made in no time
     scene = compose(PairSpec(**{**options, "texture_size": 64}))
+    height, width = truth["depth"].shape[1:] if size is None else size
     sites, images, found = Sites(scene), [], []
     for video, index in zip(truth["video"], truth["index"], strict=True):
         name = VIDEOS[int(video)]
-        images.append(np.asarray(Image.open(folder / name / f"{int(index):04d}.png")))
-        found.append(sites.boxes(name, scene.plan(name).cameras[int(index)]))
+        image = np.asarray(Image.open(folder / name / f"{int(index):04d}.png"))
+        images.append(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA))
+        camera = _at_size(scene.plan(name).cameras[int(index)], height, width)
+        found.append(sites.boxes(name, camera))
+    rows, columns = truth["depth"].shape[1:]
+    depth = [
+        cv2.resize(d, (width, height), interpolation=cv2.INTER_NEAREST)
+        for d in truth["depth"].astype(np.float32)
+    ]
     return SceneFrames(
         images=np.stack(images),
-        depth=truth["depth"].astype(np.float32),
-        intrinsics=truth["intrinsics"],
+        depth=np.stack(depth),
+        intrinsics=np.stack(
+            [scale_intrinsics(k, width / columns, height / rows) for k in truth["intrinsics"]]
+        ),
         cam_from_world=truth["cam_from_world"],
         video=truth["video"].astype(np.int8),
         present=sites.present,
         boxes=np.stack([boxes for boxes, _ in found], 1),
         pixels=np.stack([pixels for _, pixels in found], 1),
     )
+
+
+def _at_size(camera: Camera, height: int, width: int) -> Camera:
+    x, y = width / camera.width, height / camera.height
+    lens = scale_intrinsics(camera.intrinsics, x, y)
+    return Camera(width, height, lens, camera.cam_from_world)
 
 
 def finished_geometry(pair: Path, run: Path) -> Geometry:

@@ -37,7 +37,7 @@ def read_state(path: Path) -> dict[str, Tensor]:
             return load_file(path)
         stored = torch.load(path, map_location="cpu", weights_only=True)
     except (OSError, SafetensorError) as error:
-        raise InputError(f"{path} cannot be read: {_line(error)}") from error
+        raise InputError(f"{path} cannot be read: {_line(error).rstrip('.')}.") from error
     except Exception as error:  # the unpickler's refusals and PyTorch's own kinds
         raise InputError(
             f"{path} is no plain checkpoint: it is damaged, or holds more than tensors, which is "
@@ -59,7 +59,8 @@ def fill(network: nn.Module, state: Mapping[str, Tensor], source: str) -> nn.Mod
     Raises
     ------
     InputError
-        If names are missing, not known, or of another shape; all kinds are listed.
+        If names are missing, not known, or of another shape, in which case all kinds are listed;
+        or if a number is not finite, as in a file overwritten by something else.
     """
     own = network.state_dict()
     wanted = set(own)
@@ -83,6 +84,9 @@ def fill(network: nn.Module, state: Mapping[str, Tensor], source: str) -> nn.Mod
     ]  # fmt: skip
     if problems:
         raise InputError(f"{source} does not fit the network. {'; '.join(problems)}.")
+    broken = sorted(name for name, value in state.items() if not torch.isfinite(value).all())
+    if broken:
+        raise InputError(f"{source} is damaged: {broken[0]} holds numbers that are not finite.")
     network.load_state_dict({k: v.to(own[k].dtype) for k, v in state.items()}, strict=False)
     return network.eval().requires_grad_(False)
 

@@ -10,7 +10,7 @@ from jaxtyping import Float, Int8
 IOU_THRESHOLD = 0.5
 
 HIT, FALSE, DROPPED = np.int8(1), np.int8(0), np.int8(-1)
-"""Verdicts: found a truth; found none; counts neither way (a tolerated duplicate)."""
+"""Verdicts: found a truth; found none; counts neither way (a tolerated duplicate, for one)."""
 
 
 def match_best(iou: Float[np.ndarray, "n m"], duplicates: int = 1) -> Int8[np.ndarray, "n"]:
@@ -51,6 +51,25 @@ def match_free(iou: Float[np.ndarray, "n m"]) -> Int8[np.ndarray, "n"]:
             verdicts[row] = HIT
             free[best] = False
     return verdicts
+
+
+def ignore_partnered(
+    verdicts: Int8[np.ndarray, "n"], partner_iou: Float[np.ndarray, "n m"]
+) -> Int8[np.ndarray, "n"]:
+    """The rule for detections that come in pairs, one in each capture, as those of CYWS-3D do.
+
+    A false detection whose partner in the other capture's view finds a truth there is dropped, not
+    false: it marks where that truth's object is missing (the paper's supplement, "Details about
+    CYWS-3D").
+
+    Parameters
+    ----------
+    partner_iou : array (n, m)
+        IoU of each detection's partner with each truth; zeros where there is no partner. Whether
+        another detection found that truth does not matter.
+    """
+    right = (partner_iou > IOU_THRESHOLD).any(axis=1)
+    return np.where((verdicts == FALSE) & right, DROPPED, verdicts)
 
 
 def _best(overlaps: Float[np.ndarray, "m"]) -> int | None:

@@ -6,7 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from scenediff_classic.evaluation.matching import DROPPED, FALSE, HIT, match_best, match_free
+from scenediff_classic.evaluation.matching import (
+    DROPPED,
+    FALSE,
+    HIT,
+    ignore_partnered,
+    match_best,
+    match_free,
+)
 
 tables = npst.arrays(
     float,
@@ -30,6 +37,13 @@ def test_first_of_equals_wins():
 def test_tolerated_duplicates_are_dropped_until_they_are_too_many():
     iou = np.full((4, 1), 0.9)
     assert match_best(iou, duplicates=3).tolist() == [HIT, DROPPED, DROPPED, FALSE]
+
+
+def test_false_detections_with_a_right_partner_are_dropped():
+    verdicts = np.array([HIT, FALSE, FALSE, FALSE, DROPPED])
+    partner = np.array([[0.9, 0.0], [0.0, 0.6], [0.5, 0.5], [0.0, 0.0], [0.0, 0.0]])
+    assert ignore_partnered(verdicts, partner).tolist() == [HIT, DROPPED, FALSE, FALSE, DROPPED]
+    assert ignore_partnered(verdicts, np.zeros((5, 0))).tolist() == verdicts.tolist()
 
 
 @pytest.mark.parametrize("match", [match_best, match_free])

@@ -8,10 +8,13 @@ import pytest
 import torch
 
 from baselines.cyws import cli, detector
-from baselines.cyws.boxes import Boxes
+from baselines.cyws.box_scores import BoxScores
+from baselines.cyws.boxes import Boxes, corners_of
 from baselines.cyws.detector import CywsConfig, box_mask, detect_with_cyws
 from baselines.cyws.presets import PRESETS
+from baselines.cyws.raw_boxes import read_boxes
 from baselines.cyws.rendered_folders import read_rendered
+from baselines.cyws.view_boxes import FoundBox
 from baselines.cyws.weights import write_weights
 from data_tools.synthetic_pairs.export import write_pair
 from data_tools.synthetic_pairs.scene import PairSpec
@@ -47,11 +50,13 @@ def weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_true_boxes_become_the_true_object(
     pair: Path, weights: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    truth = read_rendered(pair)
+    truth, one = read_rendered(pair), np.ones(1, np.float32)
     monkeypatch.setattr(
         detector,
         "view_boxes",
-        lambda *_: [Boxes(truth.boxes[:, k], np.full(1, 0.8, np.float32)) for k in range(4)],
+        lambda *_: [
+            (FoundBox(corners_of(Boxes(truth.boxes[:, k], one), 0), 0.8, None),) for k in range(4)
+        ],
     )
     captures = [read_capture(pair / video, video) for video in VIDEOS]
     known = KnownGeometry(pair / "truth_geometry.npz", long_side=160)
@@ -82,7 +87,7 @@ def test_regions_in_a_box_make_its_mask() -> None:
 def test_command_line_writes_the_usual_folder(
     pair: Path, weights: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = tmp_path / "out"
+    out = tmp_path / "x"
     call = [
         str(pair / "before"), str(pair / "after"), "-o", str(out), "--weights", str(weights),
         "--geometry", str(pair / "truth_geometry.npz"), "--least", "0.05", "--device", "cpu",
@@ -93,6 +98,15 @@ def test_command_line_writes_the_usual_folder(
     result = read_result(out / "changes.json")
     assert result.objects
     assert {o.kind for o in result.objects} <= {"added", "removed"}
+    boxes = read_boxes(out / "boxes.json")
+    assert {b.here.video for b in boxes} == {"before", "after"}
+    assert any(b.partner for b in boxes)
+    assert all(b.here.mask.size == (128, 160) for b in boxes)
+    rows = BoxScores(tmp_path, pair.parent)()
+    # two frames show the object that is gone
+    assert {row.truths for row in rows.values()} == {2}
+    assert rows["raw boxes"].reported == len(boxes)
+    assert rows["raw boxes"].right == rows["raw boxes, ignore rule"].right
     assert cli.main("3d", call) == 0
     assert "holds this very result already" in capsys.readouterr().out
     # the geometry of a finished run serves again

@@ -194,6 +194,16 @@ def test_rendered_pairs_have_the_same_truth(tmp_path: Path) -> None:
     half = resized(found, 32, 48)
     np.testing.assert_allclose(half.boxes, found.boxes / 2)
     np.testing.assert_allclose(half.intrinsics[:, :2], found.intrinsics[:, :2] / 2)
+    quick = read_rendered(tmp_path / "x", (32, 48))  # traced at that size
+    assert np.array_equal(quick.images, half.images)
+    assert np.array_equal(quick.depth, half.depth, equal_nan=True)
+    np.testing.assert_allclose(quick.intrinsics, half.intrinsics)
+    seen = half.pixels > 8
+    assert seen.sum() >= 6
+    off = np.abs(quick.boxes - half.boxes)[seen]
+    assert np.median(off) <= 0.5
+    assert (off <= 1).mean() > 0.9  # so small, thin parts may be missed
+    np.testing.assert_allclose(quick.pixels[seen], half.pixels[seen], rtol=0.3)
     nothing = with_geometry(found, Geometry((), SparsePoints.none()))
     assert np.isnan(nothing.depth).all()
     with pytest.raises(InputError, match="no rendered pair"):

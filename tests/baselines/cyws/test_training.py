@@ -9,9 +9,11 @@ import pytest
 import torch
 
 from baselines.cyws.curve import CurvePoint, draw_curve
+from baselines.cyws.decoder import HeadMaps
 from baselines.cyws.evaluate import Evaluate, judge
-from baselines.cyws.pairs import judged_pairs
+from baselines.cyws.pairs import TwoViews, judged_pairs
 from baselines.cyws.presets import PRESETS, Dimension, Preset
+from baselines.cyws.registration import Registration
 from baselines.cyws.scenes import SceneFrames, render_scene, write_shard
 from baselines.cyws.train import Train
 from baselines.cyws.training import TrainConfig, Trainer, box_ap
@@ -67,6 +69,27 @@ def test_the_order_of_pairs_does_not_matter(scenes: list[SceneFrames]) -> None:
     assert straight.ap50 == pytest.approx(turned.ap50, abs=1e-9)
     assert straight.boxes == turned.boxes > 0
     assert straight.ap50 == pytest.approx(box_ap(network, pairs, 2), abs=1e-9)
+
+
+class _SevenWide(torch.nn.Module):
+    """Boxes 7 x 7 pixels around (20, 20) in both pictures of 64 x 64, and nothing else."""
+
+    def forward(self, images: torch.Tensor, registration: Registration) -> HeadMaps:
+        heat = torch.full((2, 1, 64, 64), -1e4)
+        heat[:, 0, 20, 20] = 2.0
+        return HeadMaps(heat, torch.full((2, 2, 64, 64), 7.0), torch.zeros(2, 2, 64, 64))
+
+
+def test_both_conventions_of_boxes() -> None:
+    pair = TwoViews(
+        np.zeros((2, 64, 64, 3), np.uint8), np.ones((2, 64, 64), np.float32),
+        np.stack([np.eye(3)] * 2), np.stack([np.eye(4)] * 2),
+        np.array([[[15, 15, 25, 25]] * 2], np.float32),
+    )  # fmt: skip
+    # 49 of 100 square pixels are shared; with a pixel more on every side, 81 of 144
+    assert judge(_SevenWide(), [pair]).ap50 == 0
+    assert judge(_SevenWide(), [pair]).false_boxes is None  # for want of a pair without change
+    assert judge(_SevenWide(), [pair], convention="wide").ap50 == 1
 
 
 def test_command_line(

@@ -4,10 +4,12 @@ import pickle
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from safetensors.torch import save_file
 
+from baselines.cyws import cli
 from baselines.cyws.networks import Cyws3D
 from baselines.cyws.presets import Dimension
 from baselines.cyws.resnet import ResNet
@@ -75,6 +77,48 @@ def test_code_is_not_run(tmp_path: Path) -> None:
         with pytest.raises(InputError, match="no plain checkpoint"):
             read_state(tmp_path / name)
     assert not (tmp_path / "harm").exists()
+
+
+@pytest.mark.parametrize("suffix", [".ckpt", ".pth", ".safetensors"])
+@pytest.mark.parametrize("damage", ["cut", "nearly whole", "garbage", "empty"])
+def test_damaged_files_are_refused_in_one_sentence(
+    tmp_path: Path, suffix: str, damage: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / f"w{suffix}"
+    state = _network().state_dict()
+    if suffix == ".safetensors":
+        save_file(state, path)
+    else:
+        torch.save({"state_dict": state}, path)
+    load_network(path)  # as it was written, it is fine
+    whole = path.read_bytes()
+    path.write_bytes(
+        {
+            "cut": whole[: len(whole) // 2],
+            "nearly whole": whole[:-1],
+            "garbage": np.random.default_rng(0).bytes(len(whole)),
+            "empty": b"",
+        }[damage]
+    )
+    with pytest.raises(InputError, match=r"is no plain checkpoint|cannot be read"):
+        load_network(path)
+    photos = [str(tmp_path / "before.png"), str(tmp_path / "after.png")]
+    call = [*photos, "-o", str(tmp_path / "out"), "--weights", str(path)]
+    assert cli.main("3d", call) == 2  # before anything else is looked at
+    said = " ".join(capsys.readouterr().err.split())
+    assert said.startswith("Error: ")
+    assert said.endswith(".")
+    assert "Traceback" not in said
+    assert not (tmp_path / "out").exists()
+
+
+def test_overwritten_numbers_are_noticed() -> None:
+    network, state = _network(), _network().state_dict()
+    before = {k: v.clone() for k, v in network.state_dict().items()}
+    state["encoder.bn1.weight"][2] = torch.nan
+    with pytest.raises(InputError, match=r"it is damaged: encoder\.bn1\.weight holds numbers"):
+        fill(network, state, "it")
+    assert all(torch.equal(v, before[k]) for k, v in network.state_dict().items())
 
 
 def test_files_that_are_none(tmp_path: Path) -> None:
