@@ -110,8 +110,9 @@ class LocalWorkers:
                     return Outcome("failed", reason, final=False)
             return Outcome("failed", "It was interrupted.", final=False)
         finally:
-            here.close()
+            # it is left alone only after it had the time to tidy up its semaphores
             process.join(timeout=0 if self._stopped.is_set() else 5)
+            here.close()
             if process.is_alive():
                 process.kill()
                 process.join()
