@@ -51,23 +51,32 @@ class Quality:
     depth_error: float
     """Median relative error of the rendered depth, in percent of the true one; NaN if unknown."""
     depth_known: float
-    """Share of the pixels with rendered depth, in percent."""
+    """Share of the pixels with rendered depth, in percent; NaN if no true one is known."""
+
+    def __str__(self) -> str:
+        """One row of the table."""
+        if np.isnan(self.depth_known):
+            return f"{self.psnr:.1f} dB"
+        return (
+            f"{self.psnr:.1f} dB, depth off by {self.depth_error:.2f} % (median), "
+            f"rendered for {self.depth_known:.1f} % of the pixels"
+        )
 
 
 def quality(gaussians: Gaussians, views: Sequence[View], truth: Truth) -> Quality:
     """Rendered against true pictures and depth."""
-    ratios, errors, known = [], [], []
+    ratios, errors = [], []
     for view, depth in zip(views, truth, strict=True):
         with torch.no_grad():
             drawn = render(gaussians, PinholeCamera.of(view))
         shown = drawn.rgb.clamp(0, 1).numpy()
         ratios.append(psnr(float(np.mean((shown - view.image / 255.0) ** 2))))
-        error = np.abs(drawn.depth.numpy() / depth - 1)[np.isfinite(depth)]
-        errors.append(error[np.isfinite(error)])
-        known.append(float(np.mean(np.isfinite(error))))
+        errors.append(np.abs(drawn.depth.numpy() / depth - 1)[np.isfinite(depth)])
     pooled = np.concatenate(errors)
-    median = float(np.median(pooled)) if len(pooled) else float("nan")
-    return Quality(float(np.mean(ratios)), 100 * median, 100 * float(np.mean(known)))
+    found = pooled[np.isfinite(pooled)]
+    median = float(np.median(found)) if len(found) else float("nan")
+    known = len(found) / len(pooled) if len(pooled) else float("nan")
+    return Quality(float(np.mean(ratios)), 100 * median, 100 * known)
 
 
 def held_out(count: int) -> list[int]:

@@ -5,10 +5,12 @@ compiles and once for its cache, and the two round differently: the first run wo
 second.
 """
 
+import warnings
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import numba
+from numba.core.errors import NumbaWarning
 
 BLOCK = 12
 """Rows a thread takes at a time: enough blocks to keep all of them busy."""
@@ -21,7 +23,14 @@ def over_rows(kernel: Callable[..., None], height: int, *arguments: object) -> N
     as numba would use (``NUMBA_NUM_THREADS``).
     """
     starts = range(0, height, BLOCK)
-    with ThreadPoolExecutor(numba.get_num_threads()) as pool:
+    with ThreadPoolExecutor(_threads()) as pool:
         done = [pool.submit(kernel, *arguments, s, min(s + BLOCK, height)) for s in starts]
         for block in done:
             block.result()
+
+
+def _threads() -> int:
+    with warnings.catch_warnings():
+        # of an old TBB that another library has loaded: numba's own threads are not used
+        warnings.simplefilter("ignore", NumbaWarning)
+        return numba.get_num_threads()
