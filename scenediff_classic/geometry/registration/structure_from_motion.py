@@ -17,7 +17,9 @@ from scenediff_classic.geometry.registration.colmap import VERSION
 from scenediff_classic.geometry.registration.colmap.database import Database, check_learned
 from scenediff_classic.geometry.registration.colmap.models import read_model
 from scenediff_classic.geometry.registration.ladder import LADDER, Rung, ladder
+from scenediff_classic.geometry.registration.leftovers import place_leftovers
 from scenediff_classic.geometry.registration.matching import matched
+from scenediff_classic.geometry.registration.merging import merge
 from scenediff_classic.geometry.registration.placement import low_confidence_warning, placements
 from scenediff_classic.geometry.registration.quality import (
     Quality,
@@ -41,15 +43,24 @@ from scenediff_classic.geometry.registration.sfm_workspace import (
 from scenediff_classic.geometry.registration.sparse_model import Picture, SparseModel
 from scenediff_classic.geometry.views import make_view, resize_lens
 from scenediff_classic.protocols import Progress, silent
-from scenediff_classic.types import Capture, Frame, Geometry, SparsePoints, Unregistered
+from scenediff_classic.types import (
+    Capture,
+    Frame,
+    Geometry,
+    SparsePoints,
+    Unregistered,
+    Video,
+)
 
-_REVISION = 1
+_REVISION = 2
 """Raised with each change of what is made of the same frames: finished work is then made anew."""
 
 
 @dataclass(frozen=True)
 class _Attempt:
     rung: Rung
+    database: Database
+    """The matches it was made from: its pictures' features are numbered there."""
     folder: Path
     quality: Quality
 
@@ -131,15 +142,17 @@ class StructureFromMotion:
         if not quality.aligned:
             folder, outcome, quality = best.folder, "Robust adjustment left out.", best.quality
 
-        verdict = check_alignment(database, best.rung, files.folder / "apart", usable)
+        verdict = check_alignment(best.database, best.rung, files.folder / "apart", usable)
         folder = verdict.model or folder
+        folder, late = self._place_leftovers(folder, best.database, files, usable)
         model = read_model(folder)
+        quality = judge(model, usable)
         weak = weak_pictures(model)
         posed = {picture.name for picture in model.pictures} - set(weak)
         missing = sorted({picture.name for picture in pictures} - posed)
         return Record(
             str(folder.relative_to(files.folder)),
-            (*log, outcome, *verdict.log),
+            (*log, outcome, *verdict.log, *late),
             (*few_points_warning(quality), *verdict.warnings),
             {name: frame_reason(name, features, pairs, weak) for name in missing},
         )
@@ -162,16 +175,37 @@ class StructureFromMotion:
                 lambda n: progress("camera poses", min(n, len(pictures)), len(pictures)),
             )
             usable = usable_frames(database.feature_counts())
-            found = [_Attempt(rung, m, judge(read_model(m), usable)) for m in models]
-            attempts += found
+            found = [_Attempt(rung, database, m, judge(read_model(m), usable)) for m in models]
             outcome = "; ".join(str(attempt.quality) for attempt in found) or "no model"
             log.append(f"{rung.features.name} features, {rung.mapper.name} mapping: {outcome}.")
+            if len(found) > 1 and not any(attempt.quality.complete for attempt in found):
+                merged = merge(models, database, files.folder / f"{rung.name}-merged")
+                joined = [_Attempt(rung, database, m, judge(read_model(m), usable)) for m in merged]
+                log += [f"Models joined by the matches between them: {a.quality}." for a in joined]
+                found += joined
+            attempts += found
             if any(attempt.quality.complete for attempt in found):
                 break
             recipes.add(recipe.name)
             if len(recipes) > 1 and not has_support(database.verified_pairs()):
                 break
         return attempts, database, log
+
+    @staticmethod
+    def _place_leftovers(
+        folder: Path, database: Database, files: SfmWorkspace, usable: dict[Video, int]
+    ) -> tuple[Path, tuple[str, ...]]:
+        """Place what the model lacks; it stays as it was where that makes it no better."""
+        before = judge(read_model(folder), usable)
+        many = len(database.pictures) > 2
+        grown, names = place_leftovers(folder, database, files.folder / "leftovers", lens=many)
+        if not names:
+            return folder, ()
+        after = judge(read_model(grown), usable)
+        count = f"{len(names)} left-out {'frame' if len(names) == 1 else 'frames'}"
+        if after.rank <= before.rank:
+            return folder, (f"Placing {count} against the model made it no better.",)
+        return grown, (f"Placed {count} against the model: {after}.",)
 
     def _geometry(self, frames: Sequence[Frame], model: SparseModel, record: Record) -> Geometry:
         """Views in the captures' order; observations renumbered to it."""
