@@ -1,13 +1,16 @@
 """Models put together outside COLMAP's mapper: back into the database's terms, and completed."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pycolmap
 from jaxtyping import Bool, Float64
 
+from scenediff_classic.geometry.registration.agreement import OwnMatches
 from scenediff_classic.geometry.registration.colmap.database import Database
 from scenediff_classic.geometry.registration.colmap.models import camera_of, lens_of
+from scenediff_classic.geometry.registration.quality import video_of
 from scenediff_classic.geometry.registration.sparse_model import FeatureMatches, SparseModel
 from scenediff_classic.types import Lens
 
@@ -25,6 +28,20 @@ def feature_matches(database: Database) -> tuple[FeatureMatches, ...]:
             )
             found.append(FeatureMatches(first, second, matches.astype(np.int64)))
     return tuple(sorted(found, key=lambda f: (f.first, f.second)))
+
+
+def own_matches(database: Database) -> OwnMatches:
+    """By which models are checked: of pairs within a capture, and found before any guidance."""
+    numbers = {picture.name: number for number, picture in enumerate(database.pictures, start=1)}
+    verified = (m for m in feature_matches(database) if video_of(m.first) == video_of(m.second))
+    one_number = np.array([1 << 32, 1])  # a match as one integer
+    pairs = []
+    with pycolmap.Database.open(database.path) as stored:
+        for pair in verified:
+            plain = np.asarray(stored.read_matches(numbers[pair.first], numbers[pair.second]))
+            kept = np.isin(pair.features @ one_number, plain.astype(np.int64) @ one_number)
+            pairs.append(replace(pair, features=pair.features[kept]))
+    return OwnMatches(tuple(pairs), keypoints(database))
 
 
 def keypoints(database: Database) -> dict[str, Float64[np.ndarray, "n 2"]]:
