@@ -78,6 +78,8 @@ class Placement:
     """Share of the picture's 4 x 4 cells that hold one of its points."""
     error_px: float
     """Mean reprojection error of its points, in pixels of the picture in which they were found."""
+    agreement: float | None = None
+    """Share of its matches with its own capture that fit its camera; None = too few to say."""
 
 
 @dataclass(frozen=True)

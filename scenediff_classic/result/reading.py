@@ -173,6 +173,7 @@ def _read_placement(node: _Node) -> Placement:
         shared=node["shared"].whole(),
         cover=node["cover"].number(),
         error_px=node["error_px"].number(),
+        agreement=node.optional("agreement").or_none(_Node.number),
     )
 
 

@@ -76,6 +76,7 @@ def _placement_json(placement: Placement) -> dict[str, Any]:
         "shared": int(placement.shared),
         "cover": _rounded(placement.cover),
         "error_px": _rounded(placement.error_px),
+        "agreement": None if placement.agreement is None else _rounded(placement.agreement),
     }
 
 

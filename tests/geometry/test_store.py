@@ -28,7 +28,7 @@ def geometry(captures: tuple[Capture, Capture]) -> Geometry:
     frames = (*captures[0].frames, captures[1].frames[0])
     views = [make_view(f, lens, p, 160, depth) for f, p in zip(frames, sweep(3), strict=True)]
     views[0] = replace(views[0], measured=np.zeros_like(views[0].measured))
-    views[1] = replace(views[1], placement=Placement(0.4, 30, 12, 0.5, 0.8))
+    views[1] = replace(views[1], placement=Placement(0.4, 30, 12, 0.5, 0.8, 0.9))
     points = SparsePoints(
         np.array([[0.0, 0.2, 3.0]]), np.array([[9, 8, 7]], np.uint8), np.array([[0, 0], [0, 2]])
     )

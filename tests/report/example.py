@@ -194,8 +194,10 @@ def _info(capture: Capture, registered: int) -> VideoInfo:
             FrameInfo(
                 f.index, f.name, f.time_s, f.width, f.height, f.index < registered,
                 None if f.index < registered else "too few matches with the other frames",
-                Placement(0.85 - 0.33 * f.index, 420 - 150 * f.index, 130, 0.75, 0.61)
-                if f.index < registered else None,
+                Placement(
+                    0.85 - 0.33 * f.index, 420 - 150 * f.index, 130, 0.75, 0.61,
+                    (0.93, None)[f.index % 2],
+                ) if f.index < registered else None,
             )
             for f in capture.frames
         ),

@@ -50,7 +50,14 @@ def drawn_frame(draw: Draw, index: int) -> FrameInfo:
         draw(st.integers(1, 9)),
         registered,
         None if registered else draw(text),
-        Placement(draw(share), 9, draw(st.integers(0, 9)), draw(share), draw(positive))
+        Placement(
+            draw(share),
+            9,
+            draw(st.integers(0, 9)),
+            draw(share),
+            draw(positive),
+            draw(st.none() | share),
+        )
         if registered and draw(st.booleans())
         else None,
     )
@@ -124,7 +131,7 @@ def one_object() -> ChangeResult:
         TermScores(0.2, 0.4, 0.1), (view,), Support(4, 3, (PairScore("after", 0, 0, 0.75),)),
         Match(0.5, 0.9, 1.25, 2.5),
     )  # fmt: skip
-    placement = Placement(0.5, 80, 20, 0.25, 0.7)
+    placement = Placement(0.5, 80, 20, 0.25, 0.7, 0.875)
     frame = FrameInfo(0, "a\udcff.jpg", None, 4, 3, True, None, placement)
     lost = FrameInfo(0, "küche#0", 1.0000004, 4, 3, False, "too dark")
     return ChangeResult(
@@ -152,7 +159,7 @@ GOLDEN = {
                     "registered": True, "reason": None,
                     "placement": {
                         "confidence": 0.5, "points": 80, "shared": 20, "cover": 0.25,
-                        "error_px": 0.7,
+                        "error_px": 0.7, "agreement": 0.875,
                     },
                 }
             ],

@@ -46,6 +46,14 @@ def test_files_of_earlier_versions_are_read(tmp_path: Path) -> None:
     assert result.after.frames[0].placement is None
     assert result.objects[0].support is result.objects[0].match is None
 
+    old = copy.deepcopy(GOLDEN)
+    del old["videos"]["after"]["frames"][0]["placement"]["agreement"]
+    jsonschema.validate(old, SCHEMA)
+    (tmp_path / "changes.json").write_text(json.dumps(old), "utf-8")
+    placement = read_result(tmp_path / "changes.json").after.frames[0].placement
+    assert placement is not None
+    assert placement.agreement is None
+
 
 def test_the_documentation_names_every_field() -> None:
     words = (Path(__file__).parents[2] / "docs" / "output.md").read_text("utf-8")
@@ -85,7 +93,7 @@ def with_value(path: tuple, value: object) -> dict:
     return document
 
 
-LATER_FIELDS = ("bridge", "placement", "support", "match")
+LATER_FIELDS = ("bridge", "placement", "agreement", "support", "match")
 FIELDS = [path for path in paths_of(GOLDEN) if path and isinstance(path[-1], str)]
 
 

@@ -12,11 +12,12 @@ from scenediff_classic.geometry.registration.alignments import (
     AMBIGUOUS,
     alignments,
     ground_share,
-    join,
     looks_of,
 )
 from scenediff_classic.geometry.registration.colmap.database import Database
-from scenediff_classic.geometry.registration.colmap.models import read_model, write_model
+from scenediff_classic.geometry.registration.colmap.growing import write_grown
+from scenediff_classic.geometry.registration.colmap.models import read_model
+from scenediff_classic.geometry.registration.joining import join
 from scenediff_classic.geometry.registration.ladder import Rung
 from scenediff_classic.geometry.registration.quality import judge, video_of
 from scenediff_classic.geometry.registration.refinement import refine
@@ -75,8 +76,10 @@ def check_alignment(
         "reported as moved may be what stayed."
     )
     # the joint model took its matches from what stayed and from what moved, and may be bent
-    write_model(join(before, after, ways[0]), folder / "joined")
-    model, _ = refine(folder / "joined", folder / "joined-refined", lens=False)
+    joined = write_grown(
+        join(before, after, ways[0].motion, ways[0].pairs), folder / "joined", database
+    )
+    model, _ = refine(joined, folder / "joined-refined", lens=False)
     quality = judge(read_model(model), usable)
     if not quality.aligned:
         return Verdict(None, log, (warning,))

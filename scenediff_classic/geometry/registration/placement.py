@@ -1,6 +1,6 @@
 """How firmly each frame is placed: what holds its camera, and a confidence made of that."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float64
@@ -23,30 +23,50 @@ MOST_NAMED = 12
 """Most frames that a warning names."""
 
 
-def placements(model: SparseModel) -> tuple[Placement, ...]:
+def placements(
+    model: SparseModel, shares: Mapping[str, float] | None = None
+) -> tuple[Placement, ...]:
     """How firmly each picture is placed, in the order of `SparseModel.pictures`.
 
-    The confidence is a product of four shares, each of which grows with one figure alone::
+    The confidence is a product of five shares, each of which grows with one figure alone::
 
         points / (points + HALF_POINTS)
         shared / (shared + HALF_SHARED)
         min(1, cover / FULL_COVER)
         1 / (1 + (error / MAX_ERROR)^2)
+        agreement, where it is known
 
-    It says how much holds the camera, in its own capture and to the other one. It cannot say
-    whether that is the right place: repeated things can hold a camera firmly in a wrong one.
+    The first four say how much holds the camera, in its own capture and to the other one: repeated
+    things can hold it firmly in a wrong place. The last one asks the matches that mapping dropped.
+    Cameras that are wrong in the same way agree with each other, and are not told by it.
+
+    Parameters
+    ----------
+    shares : mapping, optional
+        The agreement by picture name, where it is known: see `agreement`.
     """
+    shares = shares or {}
     both = bridging(model)
     errors = np.linalg.norm(residuals(model), axis=1)
     point, picture = model.points.observations.T
     return tuple(
-        _placement(model, number, both[point[picture == number]], errors[picture == number])
-        for number in range(len(model.pictures))
+        _placement(
+            model,
+            number,
+            both[point[picture == number]],
+            errors[picture == number],
+            shares.get(posed.name),
+        )
+        for number, posed in enumerate(model.pictures)
     )
 
 
 def _placement(
-    model: SparseModel, number: int, both: Bool[np.ndarray, "k"], errors: Float64[np.ndarray, "k"]
+    model: SparseModel,
+    number: int,
+    both: Bool[np.ndarray, "k"],
+    errors: Float64[np.ndarray, "k"],
+    agreement: float | None,
 ) -> Placement:
     """Of one picture, from its observations: whether the other capture sees them, and errors."""
     lens = model.pictures[number].lens
@@ -62,12 +82,13 @@ def _placement(
         * shared / (shared + HALF_SHARED)
         * min(1.0, cover / FULL_COVER)
         / (1 + (error / MAX_ERROR) ** 2)
+        * (1.0 if agreement is None else agreement)
     )  # fmt: skip
-    return Placement(confidence, points, shared, cover, error)
+    return Placement(confidence, points, shared, cover, error, agreement)
 
 
 def low_confidence_warning(views: Sequence[View]) -> tuple[str, ...]:
-    """A sentence that names the frames whose cameras little holds; nothing if there are none."""
+    """A sentence that names the frames of little confidence; nothing if there are none."""
     low = [(v, v.placement.confidence) for v in views if v.placement]
     low = [(v, confidence) for v, confidence in low if confidence < LOW_CONFIDENCE]
     if not low:

@@ -23,6 +23,8 @@ class Record:
     log: tuple[str, ...]
     warnings: tuple[str, ...]
     reasons: dict[str, str]
+    shares: dict[str, float]
+    """How much of its matches each picture's camera fits, where that is known."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,7 @@ class SfmWorkspace:
             "log": record.log,
             "warnings": record.warnings,
             "reasons": record.reasons,
+            "shares": record.shares,
         }
         _write_json(self._marker, content)
 
@@ -89,6 +92,7 @@ class SfmWorkspace:
             tuple(content["log"]),
             tuple(content["warnings"]),
             content["reasons"],
+            content["shares"],
         )
 
     @staticmethod

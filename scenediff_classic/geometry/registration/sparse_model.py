@@ -109,6 +109,17 @@ def residuals(model: SparseModel) -> Float64[np.ndarray, "m 2"]:
     return errors
 
 
+def points_of_features(model: SparseModel) -> dict[str, dict[int, int]]:
+    """For each picture of a model, by name: which point each of its features is."""
+    assert model.features is not None
+    found: dict[str, dict[int, int]] = {picture.name: {} for picture in model.pictures}
+    for (point, picture), feature in zip(
+        model.points.observations.tolist(), model.features.tolist(), strict=True
+    ):
+        found[model.pictures[picture].name][feature] = point
+    return found
+
+
 @dataclass(frozen=True)
 class EpipolarPair:
     """Matches of two pictures and their fundamental matrix.
@@ -122,6 +133,20 @@ class EpipolarPair:
     fundamental: Float64[np.ndarray, "3 3"]
     pixel: float
     """One pixel in this unit: the larger one of the two pictures."""
+
+
+@dataclass(frozen=True)
+class FeatureMatches:
+    """Verified matches of two pictures."""
+
+    first: str
+    second: str
+    features: Int64[np.ndarray, "n 2"]
+    """(feature of the first picture, feature of the second), as numbered in the database."""
+
+    def swapped(self) -> "FeatureMatches":
+        """The same, with the pictures' roles exchanged."""
+        return FeatureMatches(self.second, self.first, self.features[:, ::-1])
 
 
 @dataclass(frozen=True)

@@ -12,12 +12,16 @@ from pathlib import Path
 import numpy as np
 
 from scenediff_classic.errors import AlignmentError
+from scenediff_classic.geometry.registration.agreement import OwnMatches
 from scenediff_classic.geometry.registration.ambiguity import check_alignment
 from scenediff_classic.geometry.registration.colmap import VERSION
 from scenediff_classic.geometry.registration.colmap.database import Database, check_learned
+from scenediff_classic.geometry.registration.colmap.growing import own_matches
 from scenediff_classic.geometry.registration.colmap.models import read_model
 from scenediff_classic.geometry.registration.ladder import LADDER, Rung, ladder
+from scenediff_classic.geometry.registration.leftovers import place_leftovers
 from scenediff_classic.geometry.registration.matching import matched
+from scenediff_classic.geometry.registration.merging import merge
 from scenediff_classic.geometry.registration.placement import low_confidence_warning, placements
 from scenediff_classic.geometry.registration.quality import (
     Quality,
@@ -41,15 +45,41 @@ from scenediff_classic.geometry.registration.sfm_workspace import (
 from scenediff_classic.geometry.registration.sparse_model import Picture, SparseModel
 from scenediff_classic.geometry.views import make_view, resize_lens
 from scenediff_classic.protocols import Progress, silent
-from scenediff_classic.types import Capture, Frame, Geometry, SparsePoints, Unregistered
+from scenediff_classic.types import (
+    Capture,
+    Frame,
+    Geometry,
+    SparsePoints,
+    Unregistered,
+    Video,
+)
 
-_REVISION = 1
+_REVISION = 3
 """Raised with each change of what is made of the same frames: finished work is then made anew."""
+
+
+@dataclass(frozen=True)
+class _Measure:
+    """What the models of one recipe are judged by."""
+
+    usable: dict[Video, int]
+    own: OwnMatches
+
+    @staticmethod
+    def of(database: Database) -> "_Measure":
+        return _Measure(usable_frames(database.feature_counts()), own_matches(database))
+
+    def quality(self, folder: Path) -> Quality:
+        model = read_model(folder)
+        return judge(model, self.usable, self.own.shares(model))
 
 
 @dataclass(frozen=True)
 class _Attempt:
     rung: Rung
+    database: Database
+    """The matches it was made from: its pictures' features are numbered there."""
+    measure: _Measure
     folder: Path
     quality: Quality
 
@@ -125,23 +155,27 @@ class StructureFromMotion:
             raise AlignmentError(f"Before and after could not be aligned: {reason}")
         best = max(aligned, key=lambda attempt: attempt.quality.rank)
 
-        usable = best.quality.total
+        measure = best.measure
         folder, outcome = refine(best.folder, files.folder / "refined", lens=len(pictures) > 2)
-        quality = judge(read_model(folder), usable)
-        if not quality.aligned:
-            folder, outcome, quality = best.folder, "Robust adjustment left out.", best.quality
+        if not measure.quality(folder).aligned:
+            folder, outcome = best.folder, "Robust adjustment left out."
 
-        verdict = check_alignment(database, best.rung, files.folder / "apart", usable)
+        apart = files.folder / "apart"
+        verdict = check_alignment(best.database, best.rung, apart, measure.usable)
         folder = verdict.model or folder
+        folder, late = self._place_leftovers(folder, best.database, files, measure)
         model = read_model(folder)
+        shares = measure.own.shares(model)
+        quality = judge(model, measure.usable, shares)
         weak = weak_pictures(model)
         posed = {picture.name for picture in model.pictures} - set(weak)
         missing = sorted({picture.name for picture in pictures} - posed)
         return Record(
             str(folder.relative_to(files.folder)),
-            (*log, outcome, *verdict.log),
+            (*log, outcome, *verdict.log, *late),
             (*few_points_warning(quality), *verdict.warnings),
             {name: frame_reason(name, features, pairs, weak) for name in missing},
+            shares,
         )
 
     def _climb(
@@ -151,7 +185,7 @@ class StructureFromMotion:
         first, *others = ladder(len(pictures), self.learned)[: max(self.attempts, 1)]
         attempts: list[_Attempt] = []
         log: list[str] = []
-        recipes: set[str] = set()
+        measures: dict[str, _Measure] = {}
         for rung in (first, *others):
             recipe = replace(rung.features, max_side=self.max_side)
             database = matched(pictures, recipe, files, self.seed, progress)
@@ -161,21 +195,43 @@ class StructureFromMotion:
                 # a mapper that starts anew counts on: never show more frames than there are
                 lambda n: progress("camera poses", min(n, len(pictures)), len(pictures)),
             )
-            usable = usable_frames(database.feature_counts())
-            found = [_Attempt(rung, m, judge(read_model(m), usable)) for m in models]
-            attempts += found
+            if recipe.name not in measures:
+                measures[recipe.name] = _Measure.of(database)
+            measure = measures[recipe.name]
+            found = [_Attempt(rung, database, measure, m, measure.quality(m)) for m in models]
             outcome = "; ".join(str(attempt.quality) for attempt in found) or "no model"
             log.append(f"{rung.features.name} features, {rung.mapper.name} mapping: {outcome}.")
+            if len(found) > 1 and not any(attempt.quality.complete for attempt in found):
+                merged = merge(models, database, files.folder / f"{rung.name}-merged")
+                joined = [_Attempt(rung, database, measure, m, measure.quality(m)) for m in merged]
+                log += [f"Models joined by the matches between them: {a.quality}." for a in joined]
+                found += joined
+            attempts += found
             if any(attempt.quality.complete for attempt in found):
                 break
-            recipes.add(recipe.name)
-            if len(recipes) > 1 and not has_support(database.verified_pairs()):
+            if len(measures) > 1 and not has_support(database.verified_pairs()):
                 break
         return attempts, database, log
 
+    @staticmethod
+    def _place_leftovers(
+        folder: Path, database: Database, files: SfmWorkspace, measure: _Measure
+    ) -> tuple[Path, tuple[str, ...]]:
+        """Place what the model lacks; it stays as it was where that makes it no better."""
+        before = measure.quality(folder)
+        many = len(database.pictures) > 2
+        grown, names = place_leftovers(folder, database, files.folder / "leftovers", lens=many)
+        if not names:
+            return folder, ()
+        after = measure.quality(grown)
+        count = f"{len(names)} left-out {'frame' if len(names) == 1 else 'frames'}"
+        if after.rank <= before.rank:
+            return folder, (f"Placing {count} against the model made it no better.",)
+        return grown, (f"Placed {count} against the model: {after}.",)
+
     def _geometry(self, frames: Sequence[Frame], model: SparseModel, record: Record) -> Geometry:
         """Views in the captures' order; observations renumbered to it."""
-        checks = placements(model)
+        checks = placements(model, record.shares)
         posed = {
             picture.name: number
             for number, picture in enumerate(model.pictures)

@@ -11,9 +11,9 @@ from scenediff_classic.geometry.registration.alignments import (
     AMBIGUOUS,
     alignments,
     ground_share,
-    join,
     looks_of,
 )
+from scenediff_classic.geometry.registration.joining import join
 from scenediff_classic.geometry.registration.sparse_model import PosedPicture, SparseModel
 from scenediff_classic.types import Lens, SparsePoints
 
@@ -112,7 +112,7 @@ def test_looks_that_mean_nothing_lay_nothing_over_each_other() -> None:
 def test_joined_models_are_one_in_the_world_of_the_second() -> None:
     before, after, *looks = scene(60)
     room = alignments(before, after, *looks)[0]
-    joint = join(before, after, room)
+    joint = join(before, after, room.motion, room.pairs)
     assert [p.name for p in joint.pictures] == sorted(p.name for p in joint.pictures)
     for k, x in enumerate((-0.6, -0.2, 0.2, 0.6)):
         for number, y in ((k, 0.1), (4 + k, 0.0)):

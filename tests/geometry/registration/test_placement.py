@@ -41,6 +41,17 @@ def test_a_larger_error_lowers_the_confidence() -> None:
         assert other.confidence == pytest.approx(one.confidence / 2)
 
 
+def test_little_agreement_lowers_the_confidence() -> None:
+    exact = exact_model()
+    names = [picture.name for picture in exact.pictures]
+    plain, asked = placements(exact), placements(exact, {names[1]: 0.25, names[2]: 0.75})
+    assert [p.agreement for p in asked] == [None, 0.25, 0.75]
+    assert asked[0] == plain[0]
+    for one, other in zip(plain[1:], asked[1:], strict=True):
+        assert other.agreement is not None
+        assert other.confidence == pytest.approx(one.confidence * other.agreement)
+
+
 def test_points_behind_a_camera_have_no_error() -> None:
     exact = exact_model()
     exact.points.xyz[-1] *= -1

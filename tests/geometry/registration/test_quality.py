@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from scenediff_classic.geometry.registration.quality import (
+    MIN_AGREEMENT,
     Quality,
     failure,
     frame_reason,
@@ -126,6 +127,31 @@ def test_a_camera_that_rests_on_few_points_does_not_count() -> None:
                                      "before/00001.png": 8}  # fmt: skip
     assert judge(sparse, {"before": 2, "after": 1}).registered == {"before": 0, "after": 0}
     assert weak_pictures(full) == {}
+
+
+def test_a_camera_against_its_matches_counts_for_less() -> None:
+    shares = {"before/00000.png": MIN_AGREEMENT - 0.01, "before/00001.png": MIN_AGREEMENT}
+    quality = judge(model(), {"before": 2, "after": 1}, shares)
+    assert quality.registered == {"before": 2, "after": 1}
+    assert quality.opposed == {"before": 1, "after": 0}
+    assert "1 of them against their matches" in str(quality)
+    assert "against" not in str(judge(model(), {"before": 2, "after": 1}))
+    opposed = replace(GOOD, opposed={"before": 0, "after": 1})
+    assert opposed.aligned
+    assert not opposed.complete
+    lacking = replace(GOOD, registered={"before": 5, "after": 4})
+    assert replace(GOOD, sane=False).rank < opposed.rank < lacking.rank < GOOD.rank
+    many = dict.fromkeys(GOOD.total, 20)
+    few_of_many = replace(opposed, registered=many, total=many)
+    assert few_of_many.complete  # one of twenty is left to the warning
+
+
+def test_a_guess_of_a_camera_is_not_counted_twice() -> None:
+    """It is not registered: its disagreement takes nothing away from the others."""
+    full = model()
+    sparse = replace(full, points=replace(full.points, observations=full.points.observations[:-18]))
+    quality = judge(sparse, {"before": 2, "after": 1}, {"before/00000.png": 0.0})
+    assert quality.opposed == {"before": 0, "after": 0}
 
 
 def test_frames_without_features_do_not_count() -> None:

@@ -116,6 +116,7 @@ def test_second_call_reuses_finished_work(
     again = StructureFromMotion(long_side=320, attempts=1)(before, after, workspace)
     assert files_in(workspace) == files
     assert again.log == geometry.log
+    assert [view.placement for view in again.views] == [view.placement for view in geometry.views]
     assert again.views[0].shape == (240, 320)
     np.testing.assert_array_equal(again.views[0].cam_from_world, geometry.views[0].cam_from_world)
 
@@ -139,6 +140,8 @@ def test_frames_say_how_firmly_they_are_placed(geometry: Geometry) -> None:
         assert view.placement.confidence > 0.6
         assert 0 < view.placement.error_px < 1
         assert view.placement.shared <= view.placement.points
+        assert view.placement.agreement is not None
+        assert view.placement.agreement > 0.9
 
 
 def test_frames_of_low_confidence_are_named(

@@ -65,7 +65,7 @@ def read_model(folder: Path) -> SparseModel:
     images = sorted((i for i in model.images.values() if i.has_pose), key=lambda i: i.name)
     position = {image.image_id: number for number, image in enumerate(images)}
     pictures = tuple(
-        PosedPicture(image.name, _lens(image.camera, folder), _matrix(image.cam_from_world()))
+        PosedPicture(image.name, lens_of(image.camera, folder), _matrix(image.cam_from_world()))
         for image in images
     )
     found = [np.array([p.xy for p in i.points2D], np.float64).reshape(-1, 2) for i in images]
@@ -101,7 +101,7 @@ def write_model(model: SparseModel, folder: Path) -> None:
         for n in range(len(model.pictures))
     ]
     for number, picture in enumerate(model.pictures, start=1):
-        output.add_camera_with_trivial_rig(_camera(picture.lens, number))
+        output.add_camera_with_trivial_rig(camera_of(picture.lens, number))
         if model.keypoints is None:
             keypoints = project_points(model.points.xyz[observed[number - 1]], picture)
         else:
@@ -123,7 +123,8 @@ def _matrix(pose: pycolmap.Rigid3d) -> Float64[np.ndarray, "4 4"]:
     return np.vstack([pose.matrix(), [0.0, 0.0, 0.0, 1.0]])
 
 
-def _camera(lens: Lens, number: int) -> pycolmap.Camera:
+def camera_of(lens: Lens, number: int) -> pycolmap.Camera:
+    """COLMAP's camera of any lens."""
     k = lens.intrinsics
     return pycolmap.Camera(
         camera_id=number,
@@ -134,7 +135,7 @@ def _camera(lens: Lens, number: int) -> pycolmap.Camera:
     )
 
 
-def _lens(camera: pycolmap.Camera, folder: Path) -> Lens:
+def lens_of(camera: pycolmap.Camera, folder: Path) -> Lens:
     """OpenCV's (k1, k2, p1, p2) of COLMAP's perspective camera models."""
     extra = np.asarray(camera.params)[list(camera.extra_params_idxs())]
     known = camera.model_name in {"SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"}
