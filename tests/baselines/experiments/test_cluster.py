@@ -68,7 +68,9 @@ def test_slurm_jobs_do_the_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     path = write_config(tmp_path, count=1)
     stand_in = tmp_path / "bin"  # for Slurm: a job is a process of this machine
     stand_in.mkdir()
-    submit = '#!/bin/sh\ncp "$1" {0}/job.sh\n(exec sh "$1" >{0}/job.log 2>&1) &\necho $! >{0}/pid\n'
+    # of its own copy: the script that is handed in is deleted as soon as this returns
+    submit = '#!/bin/sh\ncp "$1" {0}/job.sh\n(exec sh {0}/job.sh >{0}/job.log 2>&1) &\n'
+    submit += "echo $! >{0}/pid\n"
     (stand_in / "sbatch").write_text(submit.format(tmp_path) + "echo Submitted batch job $!\n")
     (stand_in / "scancel").write_text("#!/bin/sh\nkill $1\n")
     for program in stand_in.iterdir():
