@@ -48,7 +48,9 @@ class Evidence:
     right: Bool[np.ndarray, "n"]
 
     @staticmethod
-    def of(stereo: MultiViewStereo, geometry: Geometry, truth: Truth) -> "Evidence":
+    def of(
+        stereo: MultiViewStereo, geometry: Geometry, truth: Truth, neighbourhood: int = 1
+    ) -> "Evidence":
         """Run both passes of stereo."""
         with tempfile.TemporaryDirectory() as folder:
             work = StereoWork.of(stereo, geometry, Path(folder), silent)
@@ -58,7 +60,7 @@ class Evidence:
                 known = np.isfinite(true) & np.isfinite(view.depth)
                 _, supporters = work.confidence(i, found)
                 error = np.abs(view.depth[known] / true[known] - 1)
-                maps = (supporters, work.cost(i), roughness(view.depth))
+                maps = (supporters, work.cost(i), roughness(view.depth, neighbourhood))
                 columns.append((*(m[known].astype(float) for m in maps), error < RIGHT))
         return Evidence(*(np.concatenate(c) for c in zip(*columns, strict=True)))
 
@@ -74,7 +76,7 @@ class Evidence:
         return weights(self.supporters, self.cost, self.rough)
 
 
-def fit(evidence: Evidence) -> ConfidenceWeights:
+def fit(evidence: Evidence, neighbourhood: int = 1) -> ConfidenceWeights:
     """Logistic regression."""
     features = np.c_[
         np.ones(len(evidence.cost)), np.log2(1 + evidence.supporters), evidence.cost, evidence.rough
@@ -86,7 +88,8 @@ def fit(evidence: Evidence) -> ConfidenceWeights:
         slope = -sign / (1 + np.exp(np.minimum(margin, 500)))
         return float(np.logaddexp(0, -margin).mean()), features.T @ slope / len(sign)
 
-    return ConfidenceWeights(*map(float, minimize(loss, np.zeros(4), jac=True).x))
+    found = minimize(loss, np.zeros(4), jac=True).x
+    return ConfidenceWeights(*map(float, found), neighbourhood)
 
 
 def surest(evidence: Evidence, weights: ConfidenceWeights) -> float:
@@ -103,19 +106,25 @@ class Options:
     width: int = 320
     stereo: StereoMethod = "patchmatch"
     sources: int = 4
+    neighbourhood: int | None = None
+    """Side of the square over which roughness is averaged; the matcher's own if left out."""
 
 
 def main(options: Options) -> None:
     """Fit on every other pair, print the check on the rest, and the weights fitted on all."""
     matcher = {"patchmatch": PatchMatch, "plane-sweep": PlaneSweep}[options.stereo]()
+    side = options.neighbourhood or matcher.confidence_weights.neighbourhood
     stereo, evidence = MultiViewStereo(matcher, sources=options.sources), []
     for pair in options.pairs:
         captures = (rendered_capture(pair, video, options.width) for video in VIDEOS)
-        evidence.append(Evidence.joined([Evidence.of(stereo, *c) for c in captures]))
+        evidence.append(Evidence.joined([Evidence.of(stereo, *c, side) for c in captures]))
         print(f"{pair.name}: {len(evidence[-1].right)} pixels", flush=True)
     seen, unseen = Evidence.joined(evidence[::2]), evidence[1::2]
     current = matcher.confidence_weights
-    for name, weights in (("as it stands", current), ("as fitted on the others", fit(seen))):
+    checked = {"as fitted on the others": fit(seen, side)}
+    if side == current.neighbourhood:
+        checked = {"as it stands": current, **checked}
+    for name, weights in checked.items():
         print(f"\n{name}: {weights}")
         for pair, part in zip(options.pairs[1::2], unseen, strict=True):
             error = reliability(part.confidence(weights), part.right).error
@@ -125,7 +134,7 @@ def main(options: Options) -> None:
             )
         joined = Evidence.joined(unseen)
         print(*reliability(joined.confidence(weights), joined.right).rows(), sep="\n")
-    print(f"\nfitted on all: {fit(Evidence.joined(evidence))}")
+    print(f"\nfitted on all: {fit(Evidence.joined(evidence), side)}")
 
 
 def test_weights_are_found_again() -> None:

@@ -12,9 +12,6 @@ RIGHT = 0.02
 SMOOTHEST, ROUGHEST = 1e-4, 1e-1
 """Relative bends of the surface below and above which roughness no longer changes."""
 
-NEIGHBOURHOOD = 5
-"""Roughness is the mean over a square of so many pixels: one bend alone is chance."""
-
 
 @dataclass(frozen=True)
 class ConfidenceWeights:
@@ -28,6 +25,9 @@ class ConfidenceWeights:
     """Times log2(1 + supporters)."""
     per_cost: float
     per_roughness: float
+    neighbourhood: int = 1
+    """Roughness is the mean over a square of so many pixels. With 5, confidence tells right from
+    wrong better, but detection gets worse: `docs/method.md` has the figures."""
 
     def __call__(
         self,
@@ -60,16 +60,18 @@ def depth_confidence(
     supporters : int array (h, w)
         Views whose own depth agrees.
     """
-    probability = weights(supporters, cost, roughness(depth))
+    probability = weights(supporters, cost, roughness(depth, weights.neighbourhood))
     return np.where(np.isfinite(depth), probability, 0).astype(np.float32)
 
 
-def roughness(depth: Float32[np.ndarray, "h w"]) -> Float32[np.ndarray, "h w"]:
+def roughness(
+    depth: Float32[np.ndarray, "h w"], neighbourhood: int = 1
+) -> Float32[np.ndarray, "h w"]:
     """Decimal orders of magnitude by which a surface bends more than `SMOOTHEST`.
 
     The bend is the second difference of inverse depth, which is 0 on any plane, relative to
     inverse depth; the larger one of along the row and along the column; averaged over
-    `NEIGHBOURHOOD`.
+    a square of `neighbourhood` pixels.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse = 1 / depth
@@ -80,4 +82,4 @@ def roughness(depth: Float32[np.ndarray, "h w"]) -> Float32[np.ndarray, "h w"]:
         bend[1:-1] = np.fmax(bend[1:-1], down / inverse[1:-1])
     bend = np.nan_to_num(bend, nan=SMOOTHEST)
     decades = np.log10(np.clip(bend, SMOOTHEST, ROUGHEST) / SMOOTHEST)
-    return cv2.blur(decades, (NEIGHBOURHOOD, NEIGHBOURHOOD))
+    return cv2.blur(decades, (neighbourhood, neighbourhood))

@@ -59,7 +59,7 @@ DOUBT = 0.1
 class PatchMatch:
     """Depth by PatchMatch. Lengths are pixels or relative to depth: the world's unit is free."""
 
-    confidence_weights: ClassVar[ConfidenceWeights] = ConfidenceWeights(9.12, 0.83, -1.53, -3.53)
+    confidence_weights: ClassVar[ConfidenceWeights] = ConfidenceWeights(4.30, 1.19, -1.94, -1.40)
     best_sources: int = 2
     """A plane is judged by its best few sources; the others may be occluded."""
     radius: int = 4

@@ -2,11 +2,7 @@
 
 import numpy as np
 
-from scenediff_classic.geometry.stereo.depth_confidence import (
-    NEIGHBOURHOOD,
-    depth_confidence,
-    roughness,
-)
+from scenediff_classic.geometry.stereo.depth_confidence import depth_confidence, roughness
 from scenediff_classic.geometry.stereo.patchmatch import PatchMatch
 
 WEIGHTS = PatchMatch.confidence_weights
@@ -23,9 +19,11 @@ def test_planes_are_smooth_however_slanted_and_steps_are_rough() -> None:
     assert roughness(depth).max() < 0.1  # rounding of float32
     np.testing.assert_allclose(roughness(depth * 10), roughness(depth), atol=0.1)
     depth[:, 8:] *= 1.5
-    # the step itself has the largest value there is, 3; it is two of a neighbourhood's five columns
-    np.testing.assert_allclose(roughness(depth)[:, 7:9], 3 * 2 / NEIGHBOURHOOD, atol=0.05)
-    assert roughness(depth)[:, 8 + (NEIGHBOURHOOD + 1) // 2 :].max() < 0.1
+    np.testing.assert_allclose(roughness(depth)[:, 7:9], 3, rtol=1e-6)
+    assert roughness(depth)[:, 10:].max() < 0.1
+    # the step is two of a neighbourhood's five columns
+    np.testing.assert_allclose(roughness(depth, 5)[:, 7:9], 3 * 2 / 5, atol=0.05)
+    assert roughness(depth, 5)[:, 11:].max() < 0.1
 
 
 def test_more_support_and_better_matches_are_surer() -> None:
