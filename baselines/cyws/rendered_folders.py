@@ -50,27 +50,23 @@ def read_rendered(folder: Path, size: tuple[int, int] | None = None) -> SceneFra
     sites, images, found = Sites(scene), [], []
     for video, index in zip(truth["video"], truth["index"], strict=True):
         name = VIDEOS[int(video)]
-        image = np.asarray(Image.open(folder / name / f"{int(index):04d}.png"))
-        images.append(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA))
+        images.append(np.asarray(Image.open(folder / name / f"{int(index):04d}.png")))
         camera = _at_size(scene.plan(name).cameras[int(index)], height, width)
         found.append(sites.boxes(name, camera))
-    rows, columns = truth["depth"].shape[1:]
-    depth = [
-        cv2.resize(d, (width, height), interpolation=cv2.INTER_NEAREST)
-        for d in truth["depth"].astype(np.float32)
-    ]
-    return SceneFrames(
+    frames = SceneFrames(
         images=np.stack(images),
-        depth=np.stack(depth),
-        intrinsics=np.stack(
-            [scale_intrinsics(k, width / columns, height / rows) for k in truth["intrinsics"]]
-        ),
+        depth=truth["depth"].astype(np.float32),
+        intrinsics=truth["intrinsics"],
         cam_from_world=truth["cam_from_world"],
         video=truth["video"].astype(np.int8),
         present=sites.present,
         boxes=np.stack([boxes for boxes, _ in found], 1),
         pixels=np.stack([pixels for _, pixels in found], 1),
     )
+    if size is None:
+        return frames
+    # boxes and their pixels were traced at that size
+    return replace(resized(frames, *size), boxes=frames.boxes, pixels=frames.pixels)
 
 
 def _at_size(camera: Camera, height: int, width: int) -> Camera:

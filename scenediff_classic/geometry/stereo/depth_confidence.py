@@ -17,7 +17,7 @@ SMOOTHEST, ROUGHEST = 1e-4, 1e-1
 class ConfidenceWeights:
     """Evidence that a depth is right, as the logarithm of its odds (logistic regression).
 
-    Every matcher has its own: ``python -m tests.benchmarks.stereo_confidence`` fits them.
+    A matcher says which are its own: ``python -m tests.benchmarks.stereo_confidence`` fits them.
     """
 
     constant: float
