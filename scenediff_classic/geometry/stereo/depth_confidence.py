@@ -26,8 +26,7 @@ class ConfidenceWeights:
     per_cost: float
     per_roughness: float
     neighbourhood: int = 1
-    """Roughness is the mean over a square of so many pixels. With 5, confidence tells right from
-    wrong better, but detection gets worse: `docs/method.md` has the figures."""
+    """Roughness is the mean over a square of so many pixels."""
 
     def __call__(
         self,
@@ -43,6 +42,12 @@ class ConfidenceWeights:
             + self.per_roughness * rough
         )
         return 1 / (1 + np.exp(-evidence))
+
+
+PIXEL_BY_PIXEL = ConfidenceWeights(4.30, 1.19, -1.94, -1.40)
+"""What is kept and what counts as measured goes by these, for any matcher: they judge every pixel
+by itself and are wary. Where right depth ends is blurred by weights that look around a pixel, as
+the better calibrated ones of the matchers do; detection got worse by them (`docs/method.md`)."""
 
 
 def depth_confidence(

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float32, Int32
 
 from scenediff_classic.errors import OutputError
 from scenediff_classic.geometry.stereo.consistency import count_supporters
-from scenediff_classic.geometry.stereo.depth_confidence import depth_confidence
+from scenediff_classic.geometry.stereo.depth_confidence import PIXEL_BY_PIXEL, depth_confidence
 from scenediff_classic.geometry.stereo.depth_map import DepthMap, Matcher
 from scenediff_classic.geometry.stereo.patchmatch import PatchMatch
 from scenediff_classic.geometry.stereo.view_selection import observed_points, select_sources
@@ -43,12 +43,12 @@ class MultiViewStereo:
     """The same where a view has a single source: a short baseline tells depth less exactly."""
     min_supporters: int = 2
     """Views that must confirm a depth (fewer where a view has fewer sources of its own video)."""
-    min_confidence: float = 0.5
-    """Confirmed depth that is less likely to be right is dropped all the same."""
-    sure_confidence: float = 0.95
+    min_likelihood: float = 0.5
+    """Confirmed depth that is less likely to be right, pixel by pixel, is dropped all the same."""
+    sure_likelihood: float = 0.95
     """Depth counts as measured, and so as evidence of a change, only from here on. Strict, for
     wrong depth is reported as a change: with 0.5, two pairs without any gave eight objects."""
-    pair_sure_confidence: float = 0.5
+    pair_sure_likelihood: float = 0.5
     """The same where a view has a single source, which can hardly make it surer."""
 
     def __call__(self, geometry: Geometry, workspace: Path, progress: Progress) -> Geometry:
@@ -131,11 +131,12 @@ class StereoWork:
         """
         for i, view in enumerate(second):
             confidence, supporters = self.confidence(i, second)
-            kept = self._enough(i, supporters) & (confidence >= self.stereo.min_confidence)
+            likelihood = depth_confidence(PIXEL_BY_PIXEL, view.depth, self.cost(i), supporters)
+            kept = self._enough(i, supporters) & (likelihood >= self.stereo.min_likelihood)
             if len(self.sources[i]) == 1:
-                sure = kept & (confidence >= self.stereo.pair_sure_confidence)
+                sure = kept & (likelihood >= self.stereo.pair_sure_likelihood)
             else:
-                sure = kept & (confidence >= self.stereo.sure_confidence)
+                sure = kept & (likelihood >= self.stereo.sure_likelihood)
                 sure &= self._found_alone(i, view, first)
             yield replace(
                 view,

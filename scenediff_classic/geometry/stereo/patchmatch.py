@@ -59,7 +59,9 @@ DOUBT = 0.1
 class PatchMatch:
     """Depth by PatchMatch. Lengths are pixels or relative to depth: the world's unit is free."""
 
-    confidence_weights: ClassVar[ConfidenceWeights] = ConfidenceWeights(4.30, 1.19, -1.94, -1.40)
+    confidence_weights: ClassVar[ConfidenceWeights] = ConfidenceWeights(
+        9.12, 0.83, -1.53, -3.53, neighbourhood=5
+    )
     """Fitted on the validation pairs against true depth."""
     best_sources: int = 2
     """A plane is judged by its best few sources; the others may be occluded."""

@@ -7,8 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
+from scenediff_classic.geometry.stereo.depth_confidence import ConfidenceWeights
 from scenediff_classic.geometry.stereo.depth_map import DepthMap
-from scenediff_classic.geometry.stereo.multi_view import MultiViewStereo
+from scenediff_classic.geometry.stereo.multi_view import MultiViewStereo, StereoWork
 from scenediff_classic.geometry.stereo.patchmatch import PatchMatch
 from scenediff_classic.geometry.stereo.pyramid import upsample_planes
 from scenediff_classic.protocols import silent
@@ -47,9 +48,35 @@ def test_unknown_is_nan_with_no_confidence(solved) -> None:
         known = np.isfinite(view.depth)
         assert np.array_equal(view.confidence > 0, known)
         assert known[view.measured].all()
-        assert view.confidence[view.measured].min() >= QUICK.sure_confidence
-        assert view.confidence[known].min() >= QUICK.min_confidence
         assert view.confidence.max() <= 1
+        likely = known & ~view.measured
+        assert view.confidence[view.measured].mean() > view.confidence[likely].mean()
+
+
+def test_what_is_measured_goes_by_each_pixel_alone(tmp_path: Path) -> None:
+    """The reported confidence looks around a pixel; what counts as evidence must not."""
+
+    class Doubtful(PatchMatch):
+        confidence_weights = ConfidenceWeights(-9.0, 0.0, 0.0, 0.0)
+
+    geometry, _ = room(height=24, width=32, count=3)
+    sure = replace(QUICK, matcher=PatchMatch(sweeps=(2,)))(geometry, tmp_path / "a", silent)
+    doubt = replace(QUICK, matcher=Doubtful(sweeps=(2,)))(geometry, tmp_path / "b", silent)
+    for a, b in zip(sure.views, doubt.views, strict=True):
+        np.testing.assert_array_equal(a.measured, b.measured)
+        np.testing.assert_array_equal(a.depth, b.depth)
+        assert b.confidence.max() < 1e-3 < a.confidence.max()
+
+
+def test_a_stricter_limit_measures_less(solved, tmp_path: Path) -> None:
+    geometry, _ = solved
+    work = StereoWork.of(QUICK, geometry, tmp_path, silent)
+    strict = StereoWork.of(replace(QUICK, sure_likelihood=0.99), geometry, tmp_path, silent)
+    first = work.first_pass()
+    found = work.second_pass(first)
+    for a, b in zip(work.confirmed(first, found), strict.confirmed(first, found), strict=True):
+        assert 0 < b.measured.sum() < a.measured.sum()
+        assert not (b.measured & ~a.measured).any()
 
 
 def test_confidence_sorts_by_error(solved) -> None:
@@ -120,7 +147,7 @@ def test_ignored_pixels_get_no_depth(tmp_path: Path) -> None:
     ignore = np.zeros((24, 32), bool)
     ignore[:, :10] = True
     views = tuple(replace(v, ignore=ignore) for v in geometry.views)
-    result = MultiViewStereo(PatchMatch(sweeps=(2,)), sure_confidence=0.5)(
+    result = MultiViewStereo(PatchMatch(sweeps=(2,)), sure_likelihood=0.5)(
         replace(geometry, views=views), tmp_path, silent
     )
     assert all(np.isnan(v.depth[ignore]).all() for v in result.views)
