@@ -5,7 +5,7 @@ from typing import Literal
 from data_tools.synthetic_pairs.scene import HardCase, PairSpec
 from data_tools.synthetic_pairs.trajectory import Trajectories
 
-Split = Literal["demo", "tiny", "val", "test"]
+Split = Literal["demo", "tiny", "val", "sparse", "test"]
 
 VAL_CASES: tuple[tuple[HardCase, ...], ...] = (
     (),
@@ -28,7 +28,8 @@ def split_specs(split: Split) -> tuple[PairSpec, ...]:
     """The pairs of a named split.
 
     ``demo`` is one easy pair; ``tiny`` two small ones for tests; ``val`` 12 pairs for tuning;
-    ``test`` 24 pairs from other families of objects and textures.
+    ``sparse`` 12 more of five pictures a capture; ``test`` 24 pairs from other families of objects
+    and textures.
     """
     if split == "demo":
         return (
@@ -40,8 +41,11 @@ def split_specs(split: Split) -> tuple[PairSpec, ...]:
             PairSpec("tiny_0000", 100, kinds=("added", "removed", "moved"), **small),
             PairSpec("tiny_0001", 101, hard=("no_change",), **small),
         )
-    cases, frames = (VAL_CASES, 10) if split == "val" else (TEST_CASES, 12)
-    first = 1000 if split == "val" else 5000
+    first, frames, cases = {
+        "val": (1000, 10, VAL_CASES),
+        "sparse": (3000, 5, VAL_CASES),
+        "test": (5000, 12, TEST_CASES),
+    }[split]
     return tuple(
         PairSpec(
             f"{split}_{k:04d}",

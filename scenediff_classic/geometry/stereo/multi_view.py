@@ -33,8 +33,12 @@ class MultiViewStereo:
 
     matcher: Matcher = field(default_factory=PatchMatch)
     sources: int = 6
-    """Source views a reference view is matched against. Where its own capture has fewer, views of
-    the other one fill up: what changed between them is then judged by its own views alone."""
+    """Source views of its own capture that a reference view is matched against."""
+    enough_sources: int = 6
+    """Where its own capture has fewer other views, views of the other capture help: what changed
+    between the two is then judged by its own views alone."""
+    borrowed_sources: int = 6
+    """Views of the other capture that then help."""
     max_pixels: float = 1.5
     """Largest forward-backward error of a confirmed depth, in pixels."""
     max_relative: float = 0.01
@@ -99,8 +103,13 @@ class StereoWork:
             replace(v, depth=np.full(v.shape, np.nan, np.float32)) for v in geometry.views
         )
         sources = tuple(
-            select_sources(geometry, i, count=stereo.sources) for i in range(len(blind))
-        )
+            select_sources(
+                geometry, i,
+                count=stereo.sources, enough=stereo.enough_sources,
+                borrowed=stereo.borrowed_sources,
+            )
+            for i in range(len(blind))
+        )  # fmt: skip
         geometry = replace(geometry, views=blind)
         seen = observed_points(geometry)
         return StereoWork(stereo, geometry, seen, sources, workspace / "stereo", progress)

@@ -52,18 +52,28 @@ def observed_points(geometry: Geometry) -> Bool[np.ndarray, "views points"]:
     return seen
 
 
-def select_sources(geometry: Geometry, position: int, *, count: int) -> tuple[int, ...]:
+def select_sources(
+    geometry: Geometry, position: int, *, count: int, enough: int, borrowed: int
+) -> tuple[int, ...]:
     """Positions of the best source views for the view at `position`, best first.
 
     Sources are of the view's own video, so that a change between the captures cannot corrupt its
-    depth. Only a capture of at most `count` views, which lacks some, fills up with views of the
-    other one; they come last.
+    depth. Only where it has too few other views does the other video help; its views come last.
     Ranked by how many points both see, each weighted by its triangulation angle; without sparse
     points, by the part of the view's frustum that both see.
+
+    Parameters
+    ----------
+    count : int
+        Most sources of the view's own video.
+    enough : int
+        With so many other views in its own video, none is borrowed from the other one.
+    borrowed : int
+        Most sources of the other video.
     """
     view = geometry.views[position]
     own = {i for i, v in enumerate(geometry.views) if v.video == view.video} - {position}
-    candidates = own if len(own) >= count else set(range(len(geometry.views))) - {position}
+    candidates = own if len(own) >= enough else set(range(len(geometry.views))) - {position}
     seen = observed_points(geometry)
     shared = geometry.points.xyz[seen[position]]
     if len(shared) < 8:
@@ -75,8 +85,9 @@ def select_sources(geometry: Geometry, position: int, *, count: int) -> tuple[in
     scores = {i: _score(view, geometry.views[i], shared, seen[i]) for i in candidates}
     least = 1e-6 * len(shared)  # no parallax, nothing to measure
     useful = [i for i in candidates if scores[i] > least]
-    ranked = sorted(useful, key=lambda i: (i not in own, -scores[i], i))
-    return tuple(ranked[:count])
+    ranked = sorted(useful, key=lambda i: (-scores[i], i))
+    helpers = [i for i in ranked if i not in own]
+    return (*[i for i in ranked if i in own][:count], *helpers[:borrowed])
 
 
 def angle_weight(degrees: Float[np.ndarray, "n"]) -> Float64[np.ndarray, "n"]:

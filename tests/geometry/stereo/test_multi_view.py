@@ -166,7 +166,7 @@ def test_depth_does_not_see_the_other_capture(tmp_path: Path) -> None:
     before, _ = room(height=24, width=32, count=3)
     after, _ = room(height=24, width=32, count=3, video="after")
     black = tuple(replace(v, image=np.zeros_like(v.image)) for v in after.views)
-    stereo = MultiViewStereo(PatchMatch(sweeps=(1,)), sources=2)
+    stereo = MultiViewStereo(PatchMatch(sweeps=(1,)), enough_sources=2)
     one = stereo(replace(before, views=before.views + after.views), tmp_path / "a", silent)
     two = stereo(replace(before, views=before.views + black), tmp_path / "b", silent)
     for a, b in zip(one.of("before"), two.of("before"), strict=True):

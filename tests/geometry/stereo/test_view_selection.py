@@ -14,6 +14,11 @@ from scenediff_classic.types import Geometry, SparsePoints
 from tests.geometry.textured_room import room
 
 
+def sources(geometry: Geometry, position: int, **options) -> tuple[int, ...]:
+    limits = {"count": 5, "enough": 2, "borrowed": 5} | options
+    return select_sources(geometry, position, **limits)
+
+
 def small_room(count: int, **options) -> Geometry:
     return room(height=24, width=32, count=count, **options)[0]
 
@@ -31,7 +36,7 @@ def test_sources_are_of_the_same_video_and_never_the_view_itself() -> None:
     before, after = small_room(4), small_room(3, video="after")
     both = replace(before, views=before.views + after.views)
     for position in range(7):
-        chosen = select_sources(both, position, count=2)
+        chosen = sources(both, position, count=2)
         own = range(4) if position < 4 else range(4, 7)
         assert len(chosen) == 2
         assert set(chosen) <= set(own) - {position}
@@ -40,9 +45,12 @@ def test_sources_are_of_the_same_video_and_never_the_view_itself() -> None:
 def test_sparse_capture_borrows_from_the_other() -> None:
     before, after = small_room(4), small_room(2, video="after")
     both = replace(before, views=before.views + after.views)
-    assert set(select_sources(both, 5, count=9)) == {0, 1, 2, 3, 4}
-    assert select_sources(both, 5, count=9)[0] == 4  # its own view comes first
-    assert set(select_sources(both, 0, count=3)) == {1, 2, 3}  # enough of its own
+    assert set(sources(both, 5)) == {0, 1, 2, 3, 4}
+    assert sources(both, 5)[0] == 4  # its own view comes first
+    assert len(sources(both, 5, borrowed=2)) == 3
+    assert set(sources(both, 0)) == {1, 2, 3}  # enough of its own
+    assert set(sources(both, 0, enough=4)) == {1, 2, 3, 4, 5}
+    assert set(sources(both, 0, enough=4, count=1)) > {4, 5}  # own ones are counted apart
 
 
 def test_view_that_shares_nothing_is_no_source() -> None:
@@ -52,16 +60,16 @@ def test_view_that_shares_nothing_is_no_source() -> None:
     views = (*geometry.views[:2], replace(geometry.views[2], cam_from_world=turned))
     observations = geometry.points.observations
     points = replace(geometry.points, observations=observations[observations[:, 1] < 2])
-    assert select_sources(replace(geometry, views=views, points=points), 0, count=5) == (1,)
+    assert sources(replace(geometry, views=views, points=points), 0) == (1,)
     bare = replace(geometry, views=views, points=SparsePoints.none())
-    assert select_sources(bare, 0, count=5) == (1,)
+    assert sources(bare, 0) == (1,)
 
 
 def test_camera_at_the_same_place_is_no_source() -> None:
     geometry = small_room(3)
     twin = replace(geometry.views[0], index=3)
     bare = replace(geometry, views=(*geometry.views, twin), points=SparsePoints.none())
-    assert set(select_sources(bare, 0, count=5)) == {1, 2}  # no parallax, no use
+    assert set(sources(bare, 0)) == {1, 2}  # no parallax, no use
 
 
 def test_depth_range_holds_the_points_and_scales_with_the_world() -> None:
