@@ -29,6 +29,10 @@ class ObjectConfig:
     turns joining off, as in the paper, whose regions are whole objects."""
     join_length: float = 0.2
     """Smooth border needed to join, relative to the smaller region's size."""
+    enclosed: float = 2.0
+    """Border, relative to the smaller one's size, from which on one changed thing lies within
+    another and is part of it, whatever depth does there: half the outline of a square. Must be so
+    in most views. A large value turns this off, as in the paper, whose regions are whole."""
     weak: float = 0.7
     """Score, relative to the threshold, from which on a region is part of the changed object that
     it touches without a depth step, unless it is larger; 1 turns this off, as in the paper, whose

@@ -3,8 +3,11 @@
 Classical regions split an object into its evenly coloured parts, where a learned segmenter would
 give it whole. Two parts of one thing meet without a depth step from wherever they are seen; two
 things that only overlap in one picture show a step there, or stand apart in the next one.
+Where a part lies within another from wherever they are seen, as the inside of a bin does behind its
+rim, the two are one thing across a depth step, too.
 """
 
+import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -71,6 +74,7 @@ def joined(
     borders_of: Mapping[int, Mapping[tuple[int, int], Border]],
     least_share: float,
     least_length: float,
+    enclosed: float = math.inf,
 ) -> list[set[int]]:
     """Sets of groups that are one thing, judged over all views in which they touch.
 
@@ -83,7 +87,11 @@ def joined(
         Share of the common border that must be smooth.
     least_length : float
         Smooth length needed, as a fraction of the smaller part's size (square root of its area).
+    enclosed : float
+        Length of border, of any kind, in proportion to the smaller group's size in a view, at which
+        one lies within the other: enough if so in most of the views that show both, two at least.
     """
+    within = _within(parts, borders_of, enclosed)
     smooth: dict[tuple[int, int], float] = defaultdict(float)
     stepped: dict[tuple[int, int], float] = defaultdict(float)
     needed: dict[tuple[int, int], float] = defaultdict(float)
@@ -106,12 +114,38 @@ def joined(
 
     for a, b in sorted(smooth):
         length, jump = smooth[a, b], stepped[a, b]
-        if length >= least_share * (length + jump) and length >= needed[a, b]:
+        flat = length >= least_share * (length + jump) and length >= needed[a, b]
+        if flat or (a, b) in within:
             parent[root(b)] = root(a)
     sets: dict[int, set[int]] = defaultdict(set)
     for group in parent:
         sets[root(group)].add(group)
     return [sets[key] for key in sorted(sets)]
+
+
+def _within(
+    parts: Sequence[Part],
+    borders_of: Mapping[int, Mapping[tuple[int, int], Border]],
+    enclosed: float,
+) -> set[tuple[int, int]]:
+    """Pairs of groups, the smaller number first, of which one lies within the other."""
+    group_at = {(p.view, p.label): p.group for p in parts}
+    area: dict[tuple[int, int], float] = defaultdict(float)
+    views: dict[int, set[int]] = defaultdict(set)
+    for part in parts:
+        area[part.view, part.group] += part.area
+        views[part.group].add(part.view)
+    length: dict[tuple[int, int, int], float] = defaultdict(float)
+    for view, found in borders_of.items():
+        for (a, b), border in found.items():
+            first, second = group_at.get((view, a)), group_at.get((view, b))
+            if first is not None and second is not None and first != second:
+                low, high = sorted((first, second))
+                length[view, low, high] += border.smooth + border.stepped
+    votes: dict[tuple[int, int], int] = defaultdict(int)
+    for (view, a, b), border in length.items():
+        votes[a, b] += border >= enclosed * min(area[view, a], area[view, b]) ** 0.5
+    return {(a, b) for (a, b), n in votes.items() if n >= 2 and 2 * n > len(views[a] & views[b])}
 
 
 def adopted(

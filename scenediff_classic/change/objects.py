@@ -132,7 +132,7 @@ def _joined(
 ) -> list[list[ChangedRegion]]:
     parts = _parts(groups)
     found = _borders(parts, geometry, proposals, config)
-    sets = joined(parts, found, config.join_share, config.join_length)
+    sets = joined(parts, found, config.join_share, config.join_length, config.enclosed)
     return [[r for number in sorted(members) for r in groups[number]] for members in sets]
 
 

@@ -48,6 +48,28 @@ def test_joining_is_transitive_and_can_be_turned_off():
     assert joined(parts(0, 1, 2), seen, 1.01, 0.2) == [{0}, {1}, {2}]
 
 
+def test_a_part_within_another_belongs_to_it_across_a_depth_step() -> None:
+    """Areas of 100: size 10, so that a border of 20 is half an outline."""
+    inside = {0: {(0, 1): Border(2, 19)}, 1: {(0, 1): Border(0, 22)}}
+    assert joined(parts(0, 1), inside, 0.7, 0.2, 2.0) == [{0, 1}]
+    assert joined(parts(0, 1), inside, 0.7, 0.2) == [{0}, {1}]
+    beside = {0: {(0, 1): Border(0, 25)}, 1: {(0, 1): Border(0, 9)}}
+    assert joined(parts(0, 1), beside, 0.7, 0.2, 2.0) == [{0}, {1}]
+
+
+def test_one_view_alone_does_not_show_that_a_part_lies_within() -> None:
+    once = [Part(0, 0, 0, 100.0), Part(1, 0, 1, 100.0)]
+    assert joined(once, {0: {(0, 1): Border(0, 40)}}, 0.7, 0.2, 2.0) == [{0}, {1}]
+
+
+def test_pieces_of_a_group_share_its_border_with_what_lies_within() -> None:
+    """Group 0 is two regions around group 1, neither of which borders on enough of it."""
+    around = [p for v in (0, 1) for p in (Part(0, v, 0, 400.0), Part(0, v, 2, 400.0))]
+    seen = {v: {(0, 1): Border(0, 11), (1, 2): Border(0, 12)} for v in (0, 1)}
+    within = [Part(1, v, 1, 100.0) for v in (0, 1)]
+    assert joined(around + within, seen, 0.7, 0.2, 2.0) == [{0, 1}]
+
+
 def test_a_weak_part_goes_to_the_thing_it_borders_on_longest() -> None:
     """View 0: strong parts 1 and 2 (groups 0 and 1), weak part 3 between them, weak support 4."""
     strong = [Part(0, 0, 1, 100), Part(1, 0, 2, 100)]
