@@ -182,7 +182,9 @@ class TrueScores:
             painted = paint(share, proposal.labels)
             maps.append(ScoreMaps(painted, painted, painted, painted))
             regions.append(RegionScores(share, share, share, share, scored.descriptors))
-        scores = replace(stages.scores, maps=tuple(maps), regions=tuple(regions))
+        scores = replace(  # no comparison of two views, which were not told the truth, has a say
+            stages.scores, maps=tuple(maps), regions=tuple(regions), comparisons={}
+        )
         config = replace(config, threshold=replace(config.threshold, fixed=0.5))
         return decided(before, after, stages.geometry, stages.regions, scores, config)
 

@@ -52,9 +52,11 @@ SWEEPS = (
     Sweep("tau_sim", "moves.similarity", (0.7, 0.8, 0.88, 0.93, 0.96, 0.98)),
     Sweep("tau_occ", "scoring.visibility.occlusion", (-0.005, -0.01, -0.02, -0.04, -0.08)),
     Sweep("sigma_geo", "objects.merge_radius", (0.0025, 0.005, 0.01, 0.02, 0.04)),
-    Sweep("noise floor", "threshold.noise_floor", (0, 0.06, 0.09, 0.12, 0.15, 0.18)),
+    Sweep("noise floor", "threshold.noise_floor", (0, 0.05, 0.08, 0.11, 0.14, 0.17)),
     Sweep("certain change", "threshold.certain", (0.15, 0.18, 0.22, 0.26, 0.32)),
     Sweep("least overlap", "objects.min_overlap", (0.0, 0.3, 0.5, 0.6, 0.7, 0.8)),
+    Sweep("least agreement", "objects.min_agreement", (0.0, 0.5, 0.65, 0.75, 0.85, 0.95)),
+    Sweep("enclosed", "objects.enclosed", (1.0, 1.5, 2.0, 2.5, 100.0)),
     Sweep("least feature", "objects.min_feature", (0.0, 0.04, 0.08, 0.12, 0.16)),
 )
 """The supplement's weights and thresholds, then the method's own."""

@@ -39,8 +39,12 @@ class ObjectConfig:
     regions are whole objects."""
     depth_step: float = 0.03
     """Relative depth difference of neighbouring pixels that separates things."""
-    min_support: float = 0.3
+    min_support: float = 0.5
     """Share of the views that must show an object, among those of its capture that could."""
+    min_agreement: float = 0.75
+    """Share of the comparisons of two views that must find an object changed each by itself, among
+    those that could see its place. 0 turns this off, as in the paper. Not used for two single
+    photos."""
     lone_margin: float = 0.5
     """How far above the threshold an object's mean score must be if a single view shows it,
     relative to the threshold; divided by the square of the number of views that show it. One look
@@ -115,6 +119,19 @@ def changed_regions(
                 )
             )
     return found
+
+
+def pair_scores(regions: Sequence[ChangedRegion]) -> dict[tuple[int, int], float]:
+    """Score of an object's regions in each comparison of (a view that shows it, one of the other
+    capture); several regions of a view are averaged by area."""
+    parts: dict[tuple[int, int], list[tuple[float, int]]] = {}
+    for region in regions:
+        for other, score in region.comparisons:
+            parts.setdefault((region.view, other), []).append((score, region.area))
+    return {
+        pair: float(np.average([s for s, _ in seen], weights=[area for _, area in seen]))
+        for pair, seen in parts.items()
+    }
 
 
 def main_parts(

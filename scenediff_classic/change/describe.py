@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from scenediff_classic.cameras import mask_to_source
-from scenediff_classic.change.changed_regions import ChangedRegion
+from scenediff_classic.change.changed_regions import ChangedRegion, pair_scores
 from scenediff_classic.change.moves import Change
 from scenediff_classic.change.objects import SceneObject
 from scenediff_classic.masks import bbox, encode
@@ -107,15 +107,8 @@ def _object(
 
 
 def _support(regions: Sequence[ChangedRegion], geometry: Geometry, threshold: float) -> Support:
-    """What single pairs of views say; several regions of a view are averaged by area."""
-    parts: dict[tuple[int, int], list[tuple[float, int]]] = {}
-    for region in regions:
-        for other, score in region.comparisons:
-            parts.setdefault((region.view, other), []).append((score, region.area))
-    scores = {
-        pair: float(np.average([s for s, _ in seen], weights=[area for _, area in seen]))
-        for pair, seen in parts.items()
-    }
+    """What single pairs of views say."""
+    scores = pair_scores(regions)
     strongest = sorted(scores, key=lambda pair: (-scores[pair], pair))[:STRONGEST]
     return Support(
         compared=len(scores),

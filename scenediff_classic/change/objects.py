@@ -8,7 +8,12 @@ from jaxtyping import Float, Float64
 from scipy.spatial import KDTree
 
 from scenediff_classic.cameras import project, sample
-from scenediff_classic.change.changed_regions import ChangedRegion, ObjectConfig, every
+from scenediff_classic.change.changed_regions import (
+    ChangedRegion,
+    ObjectConfig,
+    every,
+    pair_scores,
+)
 from scenediff_classic.change.contact import Border, Part, adopted, borders, joined
 from scenediff_classic.types import VIDEOS, Geometry, Regions, Video, View
 
@@ -193,6 +198,9 @@ def _is_convincing(
         return False
     score = np.average([r.score for r in group], weights=areas)
     if score < threshold * (1 + config.lone_margin / views**2):
+        return False
+    agreeing = [s > threshold for s in pair_scores(group).values()]
+    if agreeing and np.mean(agreeing) < config.min_agreement:
         return False
     return bool(_support(group, geometry, config) >= config.min_support)
 

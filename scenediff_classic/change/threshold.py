@@ -16,7 +16,7 @@ class ThresholdConfig:
     percentile: float = 70.0
     """Only visible pixels above this percentile enter the histogram."""
     bins: int = 256
-    noise_floor: float = 0.12
+    noise_floor: float = 0.11
     """No score below this is ever a change: maximum entropy splits pure noise as well."""
     certain: float = 0.22
     """A score above this is a change whatever the histogram says: where all the background is
