@@ -70,8 +70,9 @@ class Detect:
     device: Device = "auto"
     """Where stereo and learned models compute: auto is cuda if PyTorch finds a CUDA device,
     otherwise cpu. All other stages run on the CPU."""
-    stereo: StereoMethod = "patchmatch"
-    """How depth is matched: a plane sweep takes less time and is less exact."""
+    stereo: StereoMethod | None = None
+    """How depth is matched: a plane sweep takes less time and is less exact, except in small
+    pictures. If left out, as the preset has it: a plane sweep for fast."""
     regions: RegionName = "boundary-merging"
     """How pictures are cut into regions: by the strength of borders, or whole things first that
     stand before large planes."""

@@ -5,6 +5,7 @@ from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
+from scenediff_classic.change.threshold import NOISE_FLOOR
 from scenediff_classic.devices import Device, check_device
 from scenediff_classic.errors import InputError
 from scenediff_classic.features.dino import DinoFeatures
@@ -38,6 +39,14 @@ LONG_SIDE: dict[Preset, int] = {"fast": 320, "balanced": 512, "accurate": 768}
 MIN_LONG_SIDE = 64
 """Below this, neither stereo nor regions have enough pixels to work on."""
 
+_FLOOR: dict[Preset, float] = {"fast": 0.13, "balanced": NOISE_FLOOR, "accurate": NOISE_FLOOR}
+"""Small pictures make more noise: chosen on the rendered `val` pairs."""
+
+STEREO: dict[Preset, StereoMethod] = {
+    "fast": "plane-sweep", "balanced": "patchmatch", "accurate": "patchmatch",
+}  # fmt: skip
+"""The plane sweep is less exact, but in small pictures more changed objects are found with it."""
+
 _SOURCES: dict[Preset, int] = {"fast": 4, "balanced": 6, "accurate": 8}
 
 _DIVISORS = {"scoring.voxel", "threshold.bins", "objects.max_points", "outlines.most"}
@@ -50,7 +59,7 @@ def configured(
     seed: int = 0,
     geometry: Path | None = None,
     device: Device = "auto",
-    stereo: StereoMethod = "patchmatch",
+    stereo: StereoMethod | None = None,
     features: FeatureName | None = None,
     regions: RegionName | None = None,
     learned_features: str | None = None,
@@ -69,8 +78,8 @@ def configured(
         Known geometry to use instead of structure from motion and stereo.
     device : "auto", "cpu" or "cuda"
         Where stereo and learned models compute.
-    stereo : "patchmatch" or "plane-sweep"
-        How depth is matched: a plane sweep is quicker and less exact.
+    stereo : "patchmatch" or "plane-sweep", optional
+        How depth is matched instead of the preset's own way (`STEREO`).
     features : str, optional
         Name of the feature back-end to use instead of `base`'s (`features.named`).
     regions : str, optional
@@ -96,6 +105,8 @@ def configured(
         raise InputError(f"The seed must be from 0 to {2**31 - 1}, not {seed}.")
     check_device(device)
     _check_numbers(base, "")
+    if base.threshold.noise_floor is None:
+        base = replace(base, threshold=replace(base.threshold, noise_floor=_FLOOR[preset]))
     if features is not None:
         base = replace(base, features=FEATURES[features])
     if regions is not None:
@@ -115,7 +126,7 @@ def configured(
     if preset == "accurate":
         planes = replace(planes, sweeps=(6, 4, 4, 3))
     swept = PlaneSweep(second=replace(planes, consistent_sweeps=1))
-    matcher: Matcher = swept if stereo == "plane-sweep" else planes
+    matcher: Matcher = swept if (stereo or STEREO[preset]) == "plane-sweep" else planes
     depth = MultiViewStereo(matcher, sources=_SOURCES[preset])
     sfm = StructureFromMotion(long_side=side, seed=seed, learned=learned_matching)
     completion = DepthCompletion(seed=seed)

@@ -62,6 +62,17 @@ def test_stereo_can_be_a_plane_sweep() -> None:
     assert swept == PlaneSweep(second=PatchMatch(seed=7, consistent_sweeps=1))
 
 
+def test_small_pictures_are_swept_and_make_more_noise() -> None:
+    fast, balanced = configured("fast"), configured()
+    assert isinstance(from_pictures(fast).stereo.matcher, PlaneSweep)
+    assert isinstance(from_pictures(balanced).stereo.matcher, PatchMatch)
+    by_hand = from_pictures(configured("fast", stereo="patchmatch")).stereo.matcher
+    assert isinstance(by_hand, PatchMatch)
+    assert (fast.threshold.noise_floor or 0) > (balanced.threshold.noise_floor or 0) > 0
+    own = DetectConfig(threshold=ThresholdConfig(noise_floor=0.05))
+    assert configured("fast", base=own).threshold.noise_floor == 0.05
+
+
 def test_matching_with_weights_of_ones_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(presets, "check_learned", lambda folder: None)
     config = configured(learned_matching=tmp_path)

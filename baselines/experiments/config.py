@@ -62,8 +62,8 @@ class Setting:
     preset: Preset = "balanced"
     long_side: int | None = None
     """Longer side of the working pictures, in pixels; as the preset has it if left out."""
-    stereo: StereoMethod = "patchmatch"
-    """How depth is matched."""
+    stereo: StereoMethod | None = None
+    """How depth is matched; as the preset has it if left out."""
     geometry_options: Mapping[str, Any] = field(default_factory=dict)
     """Dotted name -> value, for the source of geometry."""
     features: FeatureName | None = None

@@ -56,7 +56,7 @@ SWEEPS = (
     Sweep("certain change", "threshold.certain", (0.15, 0.18, 0.22, 0.26, 0.32)),
     Sweep("least overlap", "objects.min_overlap", (0.0, 0.3, 0.5, 0.6, 0.7, 0.8)),
     Sweep("least agreement", "objects.min_agreement", (0.0, 0.5, 0.65, 0.75, 0.85, 0.95)),
-    Sweep("enclosed", "objects.enclosed", (1.0, 1.5, 2.0, 2.5, 100.0)),
+    Sweep("enclosed", "objects.enclosed", (1.0, 1.5, 2.0, 2.5, 4.0)),
     Sweep("least feature", "objects.min_feature", (0.0, 0.04, 0.08, 0.12, 0.16)),
 )
 """The supplement's weights and thresholds, then the method's own."""

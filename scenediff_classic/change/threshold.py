@@ -8,6 +8,9 @@ from jaxtyping import Float
 
 from scenediff_classic.types import ScoreMaps
 
+NOISE_FLOOR = 0.11
+"""What unchanged regions of pictures of some 500 pixels stay below."""
+
 
 @dataclass(frozen=True)
 class ThresholdConfig:
@@ -16,8 +19,9 @@ class ThresholdConfig:
     percentile: float = 70.0
     """Only visible pixels above this percentile enter the histogram."""
     bins: int = 256
-    noise_floor: float = 0.11
-    """No score below this is ever a change: maximum entropy splits pure noise as well."""
+    noise_floor: float | None = None
+    """No score below this is ever a change: maximum entropy splits pure noise as well. None =
+    `NOISE_FLOOR`, or what the preset says."""
     certain: float = 0.22
     """A score above this is a change whatever the histogram says: where all the background is
     quiet, maximum entropy cuts between strong changes and stronger ones."""
@@ -28,14 +32,15 @@ def change_threshold(maps: Sequence[ScoreMaps], config: ThresholdConfig) -> floa
     """One threshold for both captures; regions with a strictly greater score changed."""
     if config.fixed is not None:
         return config.fixed
+    floor = NOISE_FLOOR if config.noise_floor is None else config.noise_floor
     pixels = np.concatenate([m.total[np.isfinite(m.total)][::4] for m in maps])
     if len(pixels) == 0:
-        return config.noise_floor
+        return floor
     upper = pixels[pixels > np.percentile(pixels, config.percentile)]
     if len(upper) == 0:  # a constant map has nothing above any percentile
-        return config.noise_floor
+        return floor
     entropy = maximum_entropy_threshold(upper, config.bins)
-    return min(max(entropy, config.noise_floor), config.certain)
+    return min(max(entropy, floor), config.certain)
 
 
 def maximum_entropy_threshold(values: Float[np.ndarray, "n"], bins: int = 256) -> float:

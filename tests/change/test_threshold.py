@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from scenediff_classic.change.threshold import (
+    NOISE_FLOOR,
     ThresholdConfig,
     change_threshold,
     maximum_entropy_threshold,
@@ -61,8 +62,8 @@ def maps_of(total: np.ndarray) -> ScoreMaps:
     ids=["all zero", "nothing visible", "pure noise"],
 )
 def test_noise_never_passes_the_floor(total):
-    config = ThresholdConfig()
-    assert change_threshold([maps_of(total)], config) == config.noise_floor
+    assert change_threshold([maps_of(total)], ThresholdConfig()) == NOISE_FLOOR
+    assert change_threshold([maps_of(total)], ThresholdConfig(noise_floor=0.4)) == 0.4
 
 
 def test_fixed_threshold_wins():
