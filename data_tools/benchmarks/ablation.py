@@ -182,7 +182,7 @@ def only_cues(names: str, factor: float) -> Callable[[DetectConfig, Path], Detec
             scoring=replace(config.scoring, **off),
             objects=replace(config.objects, min_feature=least if "E_f" in kept else 0.0),
             threshold=replace(
-                limits, noise_floor=factor * limits.noise_floor, certain=factor * limits.certain
+                limits, noise_floor=factor * limits.floor, certain=factor * limits.certain
             ),
         )
 

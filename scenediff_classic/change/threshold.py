@@ -27,20 +27,24 @@ class ThresholdConfig:
     quiet, maximum entropy cuts between strong changes and stronger ones."""
     fixed: float | None = None
 
+    @property
+    def floor(self) -> float:
+        """The noise floor as a number."""
+        return NOISE_FLOOR if self.noise_floor is None else self.noise_floor
+
 
 def change_threshold(maps: Sequence[ScoreMaps], config: ThresholdConfig) -> float:
     """One threshold for both captures; regions with a strictly greater score changed."""
     if config.fixed is not None:
         return config.fixed
-    floor = NOISE_FLOOR if config.noise_floor is None else config.noise_floor
     pixels = np.concatenate([m.total[np.isfinite(m.total)][::4] for m in maps])
     if len(pixels) == 0:
-        return floor
+        return config.floor
     upper = pixels[pixels > np.percentile(pixels, config.percentile)]
     if len(upper) == 0:  # a constant map has nothing above any percentile
-        return floor
+        return config.floor
     entropy = maximum_entropy_threshold(upper, config.bins)
-    return min(max(entropy, floor), config.certain)
+    return min(max(entropy, config.floor), config.certain)
 
 
 def maximum_entropy_threshold(values: Float[np.ndarray, "n"], bins: int = 256) -> float:

@@ -63,7 +63,7 @@ def maps_of(total: np.ndarray) -> ScoreMaps:
 )
 def test_noise_never_passes_the_floor(total):
     assert change_threshold([maps_of(total)], ThresholdConfig()) == NOISE_FLOOR
-    assert change_threshold([maps_of(total)], ThresholdConfig(noise_floor=0.4)) == 0.4
+    assert change_threshold([maps_of(total)], ThresholdConfig(noise_floor=0.2)) == 0.2
 
 
 def test_fixed_threshold_wins():
