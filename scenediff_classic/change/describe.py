@@ -33,13 +33,13 @@ class ConfidenceConfig:
     """How sure a change is: the chance that it is one, by logistic regression.
 
     The constants come from ``python -m data_tools.benchmarks.calibration`` on the objects found in
-    the rendered `val` and `sparse` pairs (10 and 5 frames a capture, estimated geometry).
+    the rendered val pairs (10 frames a capture, estimated geometry).
     """
 
-    base: float = 2.30
-    per_score: float = 3.09
+    base: float = 1.37
+    per_score: float = 3.66
     """Log odds for each unit of the change score."""
-    per_doubling: float = 2.90
+    per_doubling: float = 2.09
     """Log odds each time that twice as many frames show the object; see `looks`."""
 
     def __call__(self, score: float, frames: float, placed: int) -> float:
@@ -61,8 +61,8 @@ def looks(frames: float, placed: int) -> float:
     """How much has been seen of an object; 1 = ten frames of ten.
 
     In a smaller capture, fewer frames prove as much as their share of the capture and as their
-    number would, in the geometric mean: an assumption that captures of ten and of five frames agree
-    with. In a larger one nothing is lost by frames that look elsewhere.
+    number would, in the geometric mean: that is an assumption, for the constants come from captures
+    of ten. In a larger one nothing is lost by frames that look elsewhere.
     """
     return max(frames, 1) / math.sqrt(FULL * min(max(placed, 1), FULL))
 
