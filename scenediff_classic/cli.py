@@ -49,7 +49,7 @@ class Detect:
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Folder for the result; made anew. A killed run with the same call continues."""
     preset: Preset = "balanced"
-    """Trade-off between time and detail."""
+    """Trade-off between time and detail; fast is for a first look."""
     fps: float = 1.0
     """Frames per second taken of a video."""
     long_side: int | None = None

@@ -9,7 +9,7 @@ rim, the two are one thing across a depth step, too.
 
 import math
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -95,16 +95,11 @@ def joined(
     smooth: dict[tuple[int, int], float] = defaultdict(float)
     stepped: dict[tuple[int, int], float] = defaultdict(float)
     needed: dict[tuple[int, int], float] = defaultdict(float)
-    at = {(p.view, p.label): p for p in parts}
-    for view, found in borders_of.items():
-        for (a, b), border in found.items():
-            first, second = at.get((view, a)), at.get((view, b))
-            if first is None or second is None or first.group == second.group:
-                continue
-            key = min(first.group, second.group), max(first.group, second.group)
-            smooth[key] += border.smooth
-            stepped[key] += border.stepped
-            needed[key] += least_length * min(first.area, second.area) ** 0.5
+    for first, second, border in _meetings(parts, borders_of):
+        key = first.group, second.group
+        smooth[key] += border.smooth
+        stepped[key] += border.stepped
+        needed[key] += least_length * min(first.area, second.area) ** 0.5
     parent = {p.group: p.group for p in parts}
 
     def root(group: int) -> int:
@@ -123,25 +118,33 @@ def joined(
     return [sets[key] for key in sorted(sets)]
 
 
+def _meetings(
+    parts: Sequence[Part], borders_of: Mapping[int, Mapping[tuple[int, int], Border]]
+) -> Iterator[tuple[Part, Part, Border]]:
+    """Parts of different groups that touch in a view, that of the smaller group number first."""
+    at = {(p.view, p.label): p for p in parts}
+    for view, found in borders_of.items():
+        for (a, b), border in found.items():
+            first, second = at.get((view, a)), at.get((view, b))
+            if first is not None and second is not None and first.group != second.group:
+                swapped = first.group > second.group
+                yield (second, first, border) if swapped else (first, second, border)
+
+
 def _within(
     parts: Sequence[Part],
     borders_of: Mapping[int, Mapping[tuple[int, int], Border]],
     enclosed: float,
 ) -> set[tuple[int, int]]:
     """Pairs of groups, the smaller number first, of which one lies within the other."""
-    group_at = {(p.view, p.label): p.group for p in parts}
     area: dict[tuple[int, int], float] = defaultdict(float)
     views: dict[int, set[int]] = defaultdict(set)
     for part in parts:
         area[part.view, part.group] += part.area
         views[part.group].add(part.view)
     length: dict[tuple[int, int, int], float] = defaultdict(float)
-    for view, found in borders_of.items():
-        for (a, b), border in found.items():
-            first, second = group_at.get((view, a)), group_at.get((view, b))
-            if first is not None and second is not None and first != second:
-                low, high = sorted((first, second))
-                length[view, low, high] += border.smooth + border.stepped
+    for first, second, border in _meetings(parts, borders_of):
+        length[first.view, first.group, second.group] += border.smooth + border.stepped
     votes: dict[tuple[int, int], int] = defaultdict(int)
     for (view, a, b), border in length.items():
         votes[a, b] += border >= enclosed * min(area[view, a], area[view, b]) ** 0.5

@@ -139,8 +139,12 @@ class StereoWork:
         the second pass they can talk each other into a mistake. A single pair is spared this.
         """
         for i, view in enumerate(second):
-            confidence, supporters = self.confidence(i, second)
-            likelihood = depth_confidence(PIXEL_BY_PIXEL, view.depth, self.cost(i), supporters)
+            supporters = self._supporters(view, [second[s] for s in self.sources[i]])
+            cost = self.cost(i)
+            confidence, likelihood = (
+                depth_confidence(weights, view.depth, cost, supporters)
+                for weights in (self.stereo.matcher.confidence_weights, PIXEL_BY_PIXEL)
+            )
             kept = self._enough(i, supporters) & (likelihood >= self.stereo.min_likelihood)
             if len(self.sources[i]) == 1:
                 sure = kept & (likelihood >= self.stereo.pair_sure_likelihood)
