@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -147,14 +148,6 @@ def test_two_photos_alone_give_a_result_or_a_reason(
         assert names(tmp_path) == []
 
 
-@pytest.fixture(scope="session")
-def uninterrupted(pair: Pair, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Output folder of a run from the pictures alone."""
-    out = tmp_path_factory.mktemp("whole") / "out"
-    assert start(pair, out).wait(timeout=500) == 0
-    return out
-
-
 def start(pair: Pair, out: Path) -> subprocess.Popen[bytes]:
     command = [sys.executable, "-m", "scenediff_classic.cli", "detect"]
     command += [*map(str, pair.captures), "-o", str(out), *SMALL]
@@ -165,18 +158,21 @@ def start(pair: Pair, out: Path) -> subprocess.Popen[bytes]:
 
 
 @pytest.mark.slow
-def test_a_killed_run_continues_to_the_same_result(
-    tmp_path: Path, pair: Pair, uninterrupted: Path
-) -> None:
-    out = tmp_path / "out"
-    scratch = Run(out, tmp_path / ".out.partial", {}).scratch
+def test_a_killed_run_continues_to_the_same_result(tmp_path: Path, pair: Pair) -> None:
+    out, other = tmp_path / "killed" / "out", tmp_path / "whole" / "out"
+    out.parent.mkdir()
+    partial = out.parent / ".out.partial"
+    scratch = Run(out, partial, {}).scratch
     running = start(pair, out)
     try:
         finished = wait_for_depth_maps(scratch, 3, running)
     finally:
         running.send_signal(signal.SIGKILL)
         running.wait()
-    assert names(tmp_path) == [".out.partial"]
+    assert names(out.parent) == [partial.name]
+    # the same cameras, and all the rest in one go
+    shutil.copytree(partial, other.parent / partial.name)
+    shutil.rmtree(Run(other, other.parent / partial.name, {}).scratch / "stereo")
 
     resumed = start(pair, out)
     seen: dict[str, int] = {}
@@ -186,9 +182,10 @@ def test_a_killed_run_continues_to_the_same_result(
     assert resumed.returncode == 0
     assert len(seen) > len(finished)
     assert {name: seen[name] for name in finished} == finished
-    assert names(tmp_path) == ["out"]
+    assert names(out.parent) == ["out"]
     assert names(out) == WHOLE
-    assert changes(out) == changes(uninterrupted)
+    assert start(pair, other).wait(timeout=500) == 0
+    assert changes(out) == changes(other)
 
 
 def wait_for_depth_maps(
