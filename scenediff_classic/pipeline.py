@@ -4,7 +4,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from scenediff_classic.change.changed_regions import ObjectConfig, changed_regions
@@ -14,6 +14,11 @@ from scenediff_classic.change.objects import group_objects
 from scenediff_classic.change.outlines import OutlineConfig, redrawn
 from scenediff_classic.change.scale import normalised, rescaled
 from scenediff_classic.change.scoring import Scores, ScoringConfig, score_changes
+from scenediff_classic.change.still_there import (
+    LIGHT_WARNING,
+    StillThereConfig,
+    without_still_there,
+)
 from scenediff_classic.change.threshold import ThresholdConfig, change_threshold
 from scenediff_classic.errors import AlignmentError
 from scenediff_classic.features.named import FEATURES
@@ -47,6 +52,7 @@ class DetectConfig:
     scoring: ScoringConfig = field(default_factory=ScoringConfig)
     threshold: ThresholdConfig = field(default_factory=ThresholdConfig)
     objects: ObjectConfig = field(default_factory=ObjectConfig)
+    still_there: StillThereConfig = field(default_factory=StillThereConfig)
     outlines: OutlineConfig = field(default_factory=OutlineConfig)
     moves: MoveConfig = field(default_factory=MoveConfig)
     confidence: ConfidenceConfig = field(default_factory=ConfidenceConfig)
@@ -127,8 +133,11 @@ def decided(
     objects = group_objects(
         geometry, regions, changed, threshold, config.features.merge, config.objects
     )
+    objects = without_still_there(objects, geometry, scores.light, config.still_there)
     objects = redrawn(objects, geometry, config.outlines)
     changes = pair_moves(objects, config.features.similarity, config.moves)
+    if config.still_there.differs(scores.light):
+        geometry = replace(geometry, warnings=(*geometry.warnings, LIGHT_WARNING))
     return answer(before, after, geometry, changes, threshold, config.confidence)
 
 

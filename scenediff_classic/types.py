@@ -251,6 +251,10 @@ class Match:
     """Largest ratio for the same thing; 0 = sizes are not compared."""
 
 
+DOUBTFUL = 0.2
+"""Confidence below which a changed object is called doubtful."""
+
+
 @dataclass(frozen=True)
 class ChangedObject:
     """One changed object, with one identity over all views."""
@@ -269,6 +273,11 @@ class ChangedObject:
     """None where a method does not compare pairs of frames."""
     match: Match | None = None
     """None where the other capture has no changed object at all."""
+
+    @property
+    def doubtful(self) -> bool:
+        """True if it is rather a false alarm: to be looked at, not to be relied on."""
+        return self.confidence < DOUBTFUL
 
 
 @dataclass(frozen=True)

@@ -88,7 +88,7 @@ def prepared(estimated: Geometry, long_side: int) -> Geometry:
     views = tuple(shrunk(view, long_side) for view in geometry.views)
     geometry = replace(geometry, views=views)
     seen = VisibilityConfig()
-    return harmonised(geometry, pair_views(geometry, seen), HarmoniseConfig(), seen)
+    return harmonised(geometry, pair_views(geometry, seen), HarmoniseConfig(), seen).geometry
 
 
 def shrunk(view: View, long_side: int) -> View:

@@ -21,6 +21,7 @@ from scenediff_classic.change.changed_regions import ChangedRegion, changed_regi
 from scenediff_classic.change.moves import Change, judged, pair_moves
 from scenediff_classic.change.objects import SceneObject, established, group_objects
 from scenediff_classic.change.scoring import RegionScores, paint, region_means
+from scenediff_classic.change.still_there import without_still_there
 from scenediff_classic.change.threshold import change_threshold
 from scenediff_classic.errors import AlignmentError
 from scenediff_classic.geometry.known_cameras import NpzGeometry
@@ -183,7 +184,7 @@ class TrueScores:
             maps.append(ScoreMaps(painted, painted, painted, painted))
             regions.append(RegionScores(share, share, share, share, scored.descriptors))
         scores = replace(  # no comparison of two views, which were not told the truth, has a say
-            stages.scores, maps=tuple(maps), regions=tuple(regions), comparisons={}
+            stages.scores, maps=tuple(maps), regions=tuple(regions), comparisons={}, light=0.0
         )
         config = replace(config, threshold=replace(config.threshold, fixed=0.5))
         return decided(before, after, stages.geometry, stages.regions, scores, config)
@@ -231,6 +232,7 @@ class TrueAssociation:
                 elif old or new:
                     changes.append(Change(old, new, None))
         rest = [*known.values(), *rest]
+        rest = without_still_there(rest, geometry, stages.scores.light, config.still_there)
         changes += pair_moves(rest, config.features.similarity, config.moves)
         return answer(before, after, geometry, changes, threshold, config.confidence)
 

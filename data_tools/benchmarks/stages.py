@@ -184,7 +184,7 @@ class PairStages:
         if key not in self._scores:
             path = self._folder / f"scores-{key}.npz"
             kept = load_npz(path)
-            if kept is None:
+            if kept is None or "light" not in kept:
                 found = score_changes(geometry, regions, config.features, scoring, self._progress)
                 save_npz(path, compress=True, **_arrays(found))
             else:
@@ -206,6 +206,7 @@ def _as_regions(labels: np.ndarray) -> Regions:
 
 def _arrays(scores: Scores) -> dict[str, np.ndarray]:
     arrays = {"pairs": np.array(scores.pairs, np.int64).reshape(-1, 2)}
+    arrays["light"] = np.array(scores.light)
     for (a, b), values in scores.comparisons.items():
         arrays[f"comparison {a} {b}"] = values
     for kind, items in (("map", scores.maps), ("regions", scores.regions)):
@@ -228,4 +229,4 @@ def _as_scores(arrays: dict[str, np.ndarray]) -> Scores:
     pairs = tuple((int(a), int(b)) for a, b in arrays["pairs"])
     maps = tuple(ScoreMaps(**parts["map", k]) for k in views)
     regions = tuple(RegionScores(**parts["regions", k]) for k in views)
-    return Scores(maps, regions, pairs, comparisons)
+    return Scores(maps, regions, pairs, comparisons, float(arrays["light"]))

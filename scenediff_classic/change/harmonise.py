@@ -7,6 +7,7 @@ and highlights out.
 """
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -15,7 +16,7 @@ from jaxtyping import Float64, UInt8
 
 from scenediff_classic.cameras import sample
 from scenediff_classic.change.visibility import Comparable, VisibilityConfig, reproject
-from scenediff_classic.types import Geometry
+from scenediff_classic.types import Geometry, Video
 
 
 @dataclass(frozen=True)
@@ -31,12 +32,23 @@ class HarmoniseConfig:
     iterations: int = 12
 
 
+@dataclass(frozen=True)
+class Harmonised:
+    """Views in equal light."""
+
+    geometry: Geometry
+    light: float
+    """How much the light differs between the captures in ways that no gain explains: the typical
+    (median) log ratio of colours of one surface, beyond that between views of one capture. 0.1 =
+    10 %; 0 = the same light, or nothing that would tell: no surface in common, single photos."""
+
+
 def harmonised(
     geometry: Geometry,
     pairs: Sequence[tuple[int, int]],
     config: HarmoniseConfig,
     visibility: VisibilityConfig,
-) -> Geometry:
+) -> Harmonised:
     """The same views with per-channel gains divided out; the median view keeps its look.
 
     Parameters
@@ -49,12 +61,14 @@ def harmonised(
     views = [Comparable.of(view, visibility) for view in geometry.views]
     samples = [s for i, j in links if (s := _samples(views, i, j, config, visibility)) is not None]
     if not samples:
-        return geometry
+        return Harmonised(geometry, 0.0)
     gains = fit_gains(samples, len(geometry.views), config)
     equalised = tuple(
         replace(v, image=_divided(v.image, g)) for v, g in zip(geometry.views, gains, strict=True)
     )
-    return replace(geometry, views=equalised)
+    videos = [view.video for view in geometry.views]
+    light = light_difference(samples, gains, videos)
+    return Harmonised(replace(geometry, views=equalised), light)
 
 
 @dataclass(frozen=True)
@@ -88,6 +102,20 @@ def fit_gains(
                 right[s.second] -= moment
             gains[:, channel] = np.linalg.solve(matrix, right)
     return gains - np.median(gains, axis=0)
+
+
+def light_difference(
+    samples: Sequence[ColourPairs], gains: Float64[np.ndarray, "v 3"], videos: Sequence[Video]
+) -> float:
+    """See `Harmonised.light`; `videos` names the capture of each view."""
+    within, across = [], []
+    for s in samples:
+        left = np.abs(s.log_ratio - gains[s.first] + gains[s.second])
+        (within if videos[s.first] == videos[s.second] else across).append(left)
+    if not within or not across:
+        return 0.0
+    usual, typical = (float(np.median(np.concatenate(left))) for left in (within, across))
+    return math.sqrt(max(typical**2 - usual**2, 0.0))
 
 
 def _neighbours(geometry: Geometry) -> list[tuple[int, int]]:

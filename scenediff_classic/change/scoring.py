@@ -79,6 +79,8 @@ class Scores:
     comparisons: Mapping[tuple[int, int], Float[np.ndarray, "n"]]
     """Score of every region of the first view when compared with the second alone; NaN = that one
     cannot see it."""
+    light: float = 0.0
+    """How much the light differs between the captures: `harmonise.Harmonised.light`."""
 
 
 def score_changes(
@@ -104,13 +106,13 @@ def score_changes(
     pairs = pair_views(geometry, config.visibility)
     totals = [_Accumulator(view.shape, r) for view, r in zip(views, regions, strict=True)]
     prepared = [Comparable.of(view, config.visibility) for view in views]
-    alike = harmonised(geometry, pairs, config.harmonise, config.visibility).views
+    alike = harmonised(geometry, pairs, config.harmonise, config.visibility)
     comparisons = {}
 
     def encoded(done: int) -> None:
         progress("features", done, len(views))
 
-    with FeatureGrids.of(alike, features, folder, encoded) as grids:
+    with FeatureGrids.of(alike.geometry.views, features, folder, encoded) as grids:
         descriptors = [region_descriptors(grids[k], r) for k, r in enumerate(regions)]
         for done, (i, j) in enumerate(pairs):
             for a, b in ((i, j), (j, i)):
@@ -121,7 +123,8 @@ def score_changes(
                 )
             progress("scores", done + 1, len(pairs))
     averaged = [t.averaged(config) for t in totals]
-    return _pooled(geometry, regions, averaged, descriptors, pairs, comparisons, config)
+    scores = _pooled(geometry, regions, averaged, descriptors, pairs, comparisons, config)
+    return replace(scores, light=alike.light)
 
 
 def reweighted(
@@ -130,7 +133,8 @@ def reweighted(
     """The same terms with other weights or another voxel; `comparisons` keep their old ones."""
     raw = [replace(m, total=config.total(m.geometry, m.feature, m.region)) for m in scores.maps]
     descriptors = [r.descriptors for r in scores.regions]
-    return _pooled(geometry, regions, raw, descriptors, scores.pairs, scores.comparisons, config)
+    pooled = _pooled(geometry, regions, raw, descriptors, scores.pairs, scores.comparisons, config)
+    return replace(pooled, light=scores.light)
 
 
 def _pooled(

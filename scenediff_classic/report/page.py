@@ -20,6 +20,7 @@ from scenediff_classic.report.reasons import reasons
 from scenediff_classic.report.viewer import scene_json
 from scenediff_classic.result import RunInfo, json_ready
 from scenediff_classic.types import (
+    DOUBTFUL,
     VIDEOS,
     Capture,
     ChangedObject,
@@ -174,11 +175,16 @@ def write_report(
 
 def verdict(result: ChangeResult) -> str:
     """The answer in one line, such as "2 objects changed: 1 added, 1 moved"."""
+    sure = [item for item in result.objects if not item.doubtful]
+    doubtful = len(result.objects) - len(sure)
     if not result.objects:
         return "No change found"
-    counts = Counter(item.kind for item in result.objects)
+    if not sure:
+        return f"No change found but {_count(doubtful, 'doubtful one')}"
+    counts = Counter(item.kind for item in sure)
     parts = ", ".join(f"{counts[kind]} {kind}" for kind in KIND_COLOUR if counts[kind])
-    return f"{_count(len(result.objects), 'object')} changed: {parts}"
+    more = f" ({doubtful} more doubtful)" if doubtful else ""
+    return f"{_count(len(sure), 'object')} changed: {parts}{more}"
 
 
 def _page(
@@ -220,7 +226,10 @@ def _remark(result: ChangeResult) -> str:
         return "The change scores do not stand out of the noise anywhere."
     if not result.objects:
         return "Some scores pass the threshold, but no region of object size is left."
-    return "Sorted by confidence. Look at the close-ups before you rely on a finding."
+    text = "Sorted by confidence. Look at the close-ups before you rely on a finding."
+    if any(item.doubtful for item in result.objects):
+        text += f" Doubtful: below {DOUBTFUL:.0%}, more often than not a false alarm."
+    return text
 
 
 def _facts(result: ChangeResult, evidence: Evidence, run: RunInfo) -> tuple[_Fact, ...]:

@@ -63,7 +63,7 @@ def rendered_pair(
     """The pair with its light made equal, as `change.scoring` does it."""
     visibility = VisibilityConfig()
     pairs = pair_views(geometry, visibility)
-    equalised = harmonised(geometry, pairs, HarmoniseConfig(), visibility)
+    equalised = harmonised(geometry, pairs, HarmoniseConfig(), visibility).geometry
     turns = [_turn(geometry.views[i], geometry.views[j]) for i, j in pairs]
     ordered = tuple(pairs[k] for k in np.argsort(turns, kind="stable"))
     return RenderedPair(geometry, equalised, instances, kinds, ordered)

@@ -206,16 +206,29 @@ def test_the_same_input_gives_the_same_page(made: Example, tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize(
-    ("kinds", "said"),
+    ("kinds", "doubtful", "said"),
     [
-        ((), "No change found"),
-        (("added",), "1 object changed: 1 added"),
-        (("moved", "added", "added"), "3 objects changed: 2 added, 1 moved"),
+        ((), 0, "No change found"),
+        (("added",), 0, "1 object changed: 1 added"),
+        (("moved", "added", "added"), 0, "3 objects changed: 2 added, 1 moved"),
+        (("added",), 2, "1 object changed: 1 added (2 more doubtful)"),
+        ((), 1, "No change found but 1 doubtful one"),
+        ((), 2, "No change found but 2 doubtful ones"),
     ],
 )
-def test_verdict(made: Example, kinds: tuple, said: str) -> None:
-    objects = tuple(replace(made.result.objects[0], kind=kind) for kind in kinds)
+def test_verdict(made: Example, kinds: tuple, doubtful: int, said: str) -> None:
+    sure, unsure = (replace(made.result.objects[0], confidence=c) for c in (0.2, 0.19))
+    objects = tuple(replace(sure, kind=kind) for kind in kinds) + (unsure,) * doubtful
     assert verdict(replace(made.result, objects=objects)) == said
+
+
+def test_doubtful_objects_are_marked(made: Example, tmp_path: Path) -> None:
+    first, *others = made.result.objects
+    doubtful = replace(first, confidence=0.1)
+    mixed = replace(made, result=replace(made.result, objects=(doubtful, *others)))
+    assert all(not item.doubtful for item in others)
+    assert page_of(mixed, tmp_path)[1].words().count("doubtful") == 3
+    assert "doubtful" not in page_of(made, tmp_path)[1].words()
 
 
 @pytest.mark.slow
