@@ -66,7 +66,7 @@ def harmonised(
     equalised = tuple(
         replace(v, image=_divided(v.image, g)) for v, g in zip(geometry.views, gains, strict=True)
     )
-    videos = [view.video for view in geometry.views]
+    videos: list[Video] = [view.video for view in geometry.views]
     light = light_difference(samples, gains, videos)
     return Harmonised(replace(geometry, views=equalised), light)
 

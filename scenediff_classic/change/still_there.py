@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-from scenediff_classic.cameras import project, sample
-from scenediff_classic.change.changed_regions import every
+from scenediff_classic.cameras import project, sample, unproject
+from scenediff_classic.change.changed_regions import ChangedRegion, every
 from scenediff_classic.change.objects import SceneObject
-from scenediff_classic.types import Geometry
+from scenediff_classic.types import Geometry, View
 
 LIGHT_WARNING = (
     "The light differs between the captures: what only looks different, at a place where both "
@@ -29,10 +29,10 @@ class StillThereConfig:
     light: float = 0.09
     """Difference of light (`harmonise.Harmonised.light`) from which on looks alone prove nothing.
     Rendered val and sparse pairs: 0.013 to 0.072 in the same light, 0.116 and more in another."""
-    share: float = 0.4
+    share: float = 0.3
     """Share of a thing's points that must be measured again. Rendered val and sparse pairs: up to
-    0.15 for true changes; 0.49 to 0.91 for things that only look different. Above 1 turns this
-    off."""
+    0.16 for true changes (0.36 for one in a room of low texture); 0.40 to 0.92 for things that only
+    look different in another light. Above 1 turns this off."""
     tolerance: float = 0.01
     """Difference of depth, relative to it, up to which a surface is the same."""
 
@@ -57,14 +57,12 @@ def without_still_there(
 
 
 def measured_again(item: SceneObject, geometry: Geometry, tolerance: float) -> float:
-    """Share of a thing's points that views of the other capture measure where they are.
+    """Share of a thing's measured points that views of the other capture measure where they are.
 
     Out of those that they either measure there or see through; what is hidden from a view, or
     unmeasured in it, says nothing. 0 if nothing says anything.
     """
-    points: Float64[np.ndarray, "n 3"] = np.concatenate(
-        [every(r.points, 200) for r in item.regions]
-    )
+    points = np.concatenate([_measured_points(r, geometry.views[r.view]) for r in item.regions])
     same = through = 0
     for view in geometry.views:
         if view.video == item.video or len(points) == 0:
@@ -77,3 +75,9 @@ def measured_again(item: SceneObject, geometry: Geometry, tolerance: float) -> f
         same += int((np.abs(behind) < tolerance).sum())
         through += int((behind >= tolerance).sum())
     return same / max(same + through, 1)
+
+
+def _measured_points(region: ChangedRegion, view: View) -> Float64[np.ndarray, "n 3"]:
+    """Some 200 points: completed depth is that of the neighbourhood, not of the thing."""
+    points = unproject(view)[region.mask & view.measured]
+    return every(points[np.isfinite(points).all(axis=1)].astype(np.float64), 200)

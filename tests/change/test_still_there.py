@@ -35,15 +35,20 @@ def geometry() -> Geometry:
     return replace(before, views=views)
 
 
-def thing(geometry: Geometry, nearer: float = 0.0) -> SceneObject:
-    """What the first view sees in the mask, brought nearer to it by a share of its depth."""
-    view = geometry.views[0]
-    near = replace(view, depth=(view.depth * np.float32(1 - nearer)).astype(np.float32))
-    points = unproject(near)[MASK].astype(float)
+def thing(geometry: Geometry) -> SceneObject:
+    """What the first view shows in the mask."""
+    points = unproject(geometry.views[0])[MASK].astype(float)
     region = ChangedRegion(
         0, 0, MASK, 0.3, TermScores(0.0, 0.4, 0.0), np.ones(4, np.float32) / 2, points
     )
     return SceneObject("before", (region,))
+
+
+def nearer(geometry: Geometry, share: float) -> Geometry:
+    """In the first view, the mask's depth is less by a share of it."""
+    first, *others = geometry.views
+    depth = np.where(MASK, first.depth * (1 - share), first.depth).astype(np.float32)
+    return replace(geometry, views=(replace(first, depth=depth), *others))
 
 
 def test_a_surface_that_both_measure_is_still_there(geometry: Geometry) -> None:
@@ -59,20 +64,20 @@ def test_in_the_same_light_looks_count(geometry: Geometry) -> None:
 
 
 def test_what_is_seen_through_is_gone(geometry: Geometry) -> None:
-    removed = thing(geometry, nearer=0.2)
-    assert measured_again(removed, geometry, 0.01) < 0.1
-    assert without_still_there([removed], geometry, DARK, CONFIG) == [removed]
+    stood = nearer(geometry, 0.2)
+    removed = thing(stood)
+    assert measured_again(removed, stood, 0.01) < 0.1
+    assert without_still_there([removed], stood, DARK, CONFIG) == [removed]
 
 
 def test_what_is_hidden_or_unmeasured_says_nothing(geometry: Geometry) -> None:
-    behind = thing(geometry, nearer=-0.2)
-    assert measured_again(behind, geometry, 0.01) < 0.1
-    blind = replace(
-        geometry,
-        views=tuple(replace(v, measured=np.zeros_like(v.measured)) for v in geometry.views),
-    )
-    assert measured_again(thing(geometry), blind, 0.01) == 0
-    assert without_still_there([thing(geometry)], blind, DARK, CONFIG) != []
+    behind = nearer(geometry, -0.2)
+    assert measured_again(thing(behind), behind, 0.01) < 0.1
+    for video in ("before", "after"):
+        views = tuple(replace(v, measured=v.measured & (v.video != video)) for v in geometry.views)
+        blind = replace(geometry, views=views)
+        assert measured_again(thing(blind), blind, 0.01) == 0
+        assert without_still_there([thing(blind)], blind, DARK, CONFIG) != []
 
 
 def test_scale_makes_no_difference(geometry: Geometry) -> None:
