@@ -13,6 +13,7 @@ from scenediff_classic.change.changed_regions import ObjectConfig
 from scenediff_classic.change.moves import MoveConfig
 from scenediff_classic.change.outlines import OutlineConfig
 from scenediff_classic.change.scoring import ScoringConfig
+from scenediff_classic.change.still_there import StillThereConfig
 from scenediff_classic.change.threshold import ThresholdConfig
 from scenediff_classic.dataset.export import ExportFormat, export
 from scenediff_classic.detection_run import CaptureOptions, run_detection
@@ -94,6 +95,7 @@ class Detect:
     scoring: ScoringConfig = field(default_factory=ScoringConfig)
     threshold: ThresholdConfig = field(default_factory=ThresholdConfig)
     objects: ObjectConfig = field(default_factory=ObjectConfig)
+    still_there: StillThereConfig = field(default_factory=StillThereConfig)
     outlines: OutlineConfig = field(default_factory=OutlineConfig)
     moves: MoveConfig = field(default_factory=MoveConfig)
 
@@ -101,7 +103,7 @@ class Detect:
         """Run the detection and say what was found."""
         base = DetectConfig(
             scoring=self.scoring, threshold=self.threshold, objects=self.objects,
-            outlines=self.outlines, moves=self.moves,
+            still_there=self.still_there, outlines=self.outlines, moves=self.moves,
         )  # fmt: skip
         config = configured(
             self.preset, long_side=self.long_side, seed=self.seed, geometry=self.geometry,

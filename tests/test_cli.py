@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import pytest
 from PIL import Image
 
 from scenediff_classic import cli, devices
+from scenediff_classic.pipeline import DetectConfig
 from tests.command import Call, caller, names
 from tests.films import write_film
 from tests.privileges import as_nobody
@@ -24,6 +26,11 @@ HEIGHT, WIDTH = 96, 128
 @pytest.fixture
 def call(capsys: pytest.CaptureFixture[str]) -> Call:
     return caller(capsys)
+
+
+def test_every_stage_of_the_method_has_its_options() -> None:
+    stages = {field.name for field in fields(DetectConfig)}
+    assert stages - {field.name for field in fields(cli.Detect)} == {"confidence"}  # constants
 
 
 def picture(seed: int) -> np.ndarray:
