@@ -136,7 +136,7 @@ def decided(
     objects = without_still_there(objects, geometry, scores.light, config.still_there)
     objects = redrawn(objects, geometry, config.outlines)
     changes = pair_moves(objects, config.features.similarity, config.moves)
-    if config.still_there.differs(scores.light):
+    if config.still_there.applies(scores.light):
         geometry = replace(geometry, warnings=(*geometry.warnings, LIGHT_WARNING))
     return answer(before, after, geometry, changes, threshold, config.confidence)
 

@@ -276,7 +276,7 @@ class ChangedObject:
 
     @property
     def doubtful(self) -> bool:
-        """True if it is rather a false alarm: to be looked at, not to be relied on."""
+        """True if its confidence is low: to be looked at, not to be relied on."""
         return self.confidence < DOUBTFUL
 
 

@@ -28,7 +28,7 @@ class StillThereConfig:
 
     light: float = 0.09
     """Difference of light (`harmonise.Harmonised.light`) from which on looks alone prove nothing.
-    Rendered val and sparse pairs: 0.013 to 0.072 in the same light, 0.116 and more in another."""
+    Rendered val and sparse pairs: 0.012 to 0.072 in the same light, 0.116 and more in another."""
     share: float = 0.3
     """Share of a thing's points that must be measured again. Rendered val and sparse pairs: up to
     0.16 for true changes (0.36 for one in a room of low texture); 0.40 to 0.92 for things that only
@@ -36,8 +36,8 @@ class StillThereConfig:
     tolerance: float = 0.01
     """Difference of depth, relative to it, up to which a surface is the same."""
 
-    def differs(self, light: float) -> bool:
-        """Whether the light differs between the captures."""
+    def applies(self, light: float) -> bool:
+        """Whether the light differs so much, and the rule is not turned off."""
         return light > self.light and self.share <= 1
 
 
@@ -51,7 +51,7 @@ def without_still_there(
     light : float
         `scoring.Scores.light`.
     """
-    if not config.differs(light):
+    if not config.applies(light):
         return list(objects)
     return [o for o in objects if measured_again(o, geometry, config.tolerance) < config.share]
 

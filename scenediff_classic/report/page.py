@@ -180,7 +180,7 @@ def verdict(result: ChangeResult) -> str:
     if not result.objects:
         return "No change found"
     if not sure:
-        return f"No change found but {_count(doubtful, 'doubtful one')}"
+        return f"{_count(doubtful, 'doubtful change')}, no sure one"
     counts = Counter(item.kind for item in sure)
     parts = ", ".join(f"{counts[kind]} {kind}" for kind in KIND_COLOUR if counts[kind])
     more = f" ({doubtful} more doubtful)" if doubtful else ""
@@ -228,7 +228,7 @@ def _remark(result: ChangeResult) -> str:
         return "Some scores pass the threshold, but no region of object size is left."
     text = "Sorted by confidence. Look at the close-ups before you rely on a finding."
     if any(item.doubtful for item in result.objects):
-        text += f" Doubtful: below {DOUBTFUL:.0%}, more often than not a false alarm."
+        text += f" Doubtful: a confidence below {DOUBTFUL:.0%}."
     return text
 
 

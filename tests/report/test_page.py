@@ -212,8 +212,8 @@ def test_the_same_input_gives_the_same_page(made: Example, tmp_path: Path) -> No
         (("added",), 0, "1 object changed: 1 added"),
         (("moved", "added", "added"), 0, "3 objects changed: 2 added, 1 moved"),
         (("added",), 2, "1 object changed: 1 added (2 more doubtful)"),
-        ((), 1, "No change found but 1 doubtful one"),
-        ((), 2, "No change found but 2 doubtful ones"),
+        ((), 1, "1 doubtful change, no sure one"),
+        ((), 2, "2 doubtful changes, no sure one"),
     ],
 )
 def test_verdict(made: Example, kinds: tuple, doubtful: int, said: str) -> None:
