@@ -33,7 +33,13 @@ class ScoringConfig:
     feature_weight: float = 0.5
     region_weight: float = 0.1
     geometry_cap: float = 0.3
-    """Largest E_geom that counts: a farther background is no stronger evidence."""
+    """What a depth difference beyond doubt counts, however large: a farther background is no
+    stronger evidence."""
+    geometry_noise: float = 0.02
+    """Depth difference, relative to depth, that says nothing: errors of stereo grow with depth."""
+    geometry_scale: float = 0.06
+    """How far beyond that a difference counts 1 - 1/e of the cap: a small thing stands out by
+    little, but where depth is that exact it is no less certain. See `ScoringConfig.evidence`."""
     shift_cells: int = 1
     """A feature may match within this many grid cells of its reprojection: registration is not
     perfect, and a silhouette off by a pixel is no change. 0 = the paper's exact comparison."""
@@ -47,6 +53,28 @@ class ScoringConfig:
     """Side of the voxels that average scores over the views of a capture."""
     visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
     harmonise: HarmoniseConfig = field(default_factory=HarmoniseConfig)
+
+    def evidence(
+        self, gap: Float[np.ndarray, "..."], depth: Float[np.ndarray, "..."]
+    ) -> Float[np.ndarray, "..."]:
+        """What depth differences prove: E_geom of eq. 1, measured by the noise of depth.
+
+        Parameters
+        ----------
+        gap : float array
+            Other view's depth minus reprojected depth; negative = in front of it.
+        depth : float array
+            Depth of the same pixels in their own view, in the same unit as `gap`.
+
+        Returns
+        -------
+        float array
+            0 to `geometry_cap`, the same in any unit; a negative `gap` as it is, so that noise
+            about zero does not add up.
+        """
+        beyond = np.maximum(gap / depth - self.geometry_noise, 0)
+        certain = self.geometry_cap * -np.expm1(-beyond / self.geometry_scale)
+        return np.where(gap > 0, certain, gap)
 
     def total(self, geometry: Scored, feature: Scored, region: Scored) -> Scored:
         """Weighted sum of the three terms (eq. 4); a region without counterpart term has 0."""
@@ -104,7 +132,7 @@ def score_changes(
     """
     views = geometry.views
     pairs = pair_views(geometry, config.visibility)
-    totals = [_Accumulator(view.shape, r) for view, r in zip(views, regions, strict=True)]
+    totals = [_Accumulator(view, r) for view, r in zip(views, regions, strict=True)]
     prepared = [Comparable.of(view, config.visibility) for view in views]
     alike = harmonised(geometry, pairs, config.harmonise, config.visibility)
     comparisons = {}
@@ -245,10 +273,11 @@ def smooth_in_3d(
 class _Accumulator:
     """Sums of one view's scores over the views it was compared with."""
 
-    def __init__(self, shape: tuple[int, int], regions: Regions) -> None:
+    def __init__(self, view: View, regions: Regions) -> None:
+        self.depth = view.depth
         self.regions = regions
-        self.sums = np.zeros((3, *shape), np.float32)
-        self.counts = np.zeros((3, *shape), np.float32)
+        self.sums = np.zeros((3, *view.shape), np.float32)
+        self.counts = np.zeros((3, *view.shape), np.float32)
 
     def add(
         self,
@@ -262,10 +291,10 @@ class _Accumulator:
 
         Returns the score of every region in this comparison; NaN = not visible.
         """
-        gap = np.where(seen.visible, np.clip(seen.gap, None, config.geometry_cap), np.nan)
-        _, visible = region_means(gap, self.regions)
+        _, visible = region_means(np.where(seen.visible, 0.0, np.nan), self.regions)
+        evidence = config.evidence(seen.gap, self.depth)
         # a guessed depth proves nothing
-        e_geom, told = region_means(np.where(seen.measured, gap, np.nan), self.regions)
+        e_geom, told = region_means(np.where(seen.measured, evidence, np.nan), self.regions)
         full = np.maximum(config.measured_share * visible, 1e-6)
         e_geom = np.nan_to_num(e_geom) * np.minimum(told / full, 1)
         e_feat, _ = region_means(np.where(seen.visible, distance, np.nan), self.regions)
