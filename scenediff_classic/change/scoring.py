@@ -35,7 +35,7 @@ class ScoringConfig:
     geometry_cap: float = 0.3
     """What a depth difference beyond doubt counts, however large: a farther background is no
     stronger evidence."""
-    geometry_noise: float = 0.02
+    geometry_noise: float = 0.01
     """Depth difference, relative to depth, that says nothing: errors of stereo grow with depth."""
     geometry_scale: float = 0.06
     """How far beyond that a difference counts 1 - 1/e of the cap: a small thing stands out by
