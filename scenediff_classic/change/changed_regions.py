@@ -43,8 +43,8 @@ class ObjectConfig:
     """Share of the views that must show an object, among those of its capture that could."""
     min_agreement: float = 0.75
     """Share of the comparisons of two views that must find an object changed each by itself, among
-    those that could see its place. 0 turns this off, as in the paper. Not used for two single
-    photos."""
+    those that could see its place, weighted by its area in the view. 0 turns this off, as in the
+    paper. Not used for two single photos."""
     lone_margin: float = 0.5
     """How far above the threshold an object's mean score must be if a single view shows it,
     relative to the threshold; divided by the square of the number of views that show it. One look

@@ -199,8 +199,11 @@ def _is_convincing(
     score = np.average([r.score for r in group], weights=areas)
     if score < threshold * (1 + config.lone_margin / views**2):
         return False
-    agreeing = [s > threshold for s in pair_scores(group).values()]
-    if agreeing and np.mean(agreeing) < config.min_agreement:
+    by_pair = pair_scores(group)
+    sizes = np.bincount([r.view for r in group], weights=areas)
+    weights = [sizes[view] for view, _ in by_pair]  # more pixels, a firmer comparison
+    agreeing = [s > threshold for s in by_pair.values()]
+    if agreeing and np.average(agreeing, weights=weights) < config.min_agreement:
         return False
     return bool(_support(group, geometry, config) >= config.min_support)
 
