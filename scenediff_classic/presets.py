@@ -49,7 +49,10 @@ STEREO: dict[Preset, StereoMethod] = {
 
 _SOURCES: dict[Preset, int] = {"fast": 4, "balanced": 6, "accurate": 8}
 
-_DIVISORS = {"scoring.voxel", "threshold.bins", "objects.max_points", "outlines.most"}
+_DIVISORS = {
+    "scoring.voxel", "scoring.geometry_scale", "threshold.bins", "objects.max_points",
+    "outlines.most",
+}  # fmt: skip
 
 
 def configured(

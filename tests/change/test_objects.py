@@ -50,6 +50,16 @@ def test_an_object_must_change_in_most_comparisons_of_two_views(geometry) -> Non
     assert found() == 1  # nothing was compared by pairs
 
 
+def test_a_sliver_in_one_view_has_less_say_than_the_whole_thing_in_others(geometry) -> None:
+    def found(area: int) -> int:
+        whole = [region(geometry, view, 0.5, 0.5) for view in (0, 1)]
+        sliver = region(geometry, 2, 0.1, 0.1, area=area)
+        return len(established([[*whole, sliver]], geometry, THRESHOLD, CONFIG))
+
+    assert found(80) == 0  # two thirds of the comparisons agree
+    assert found(20) == 1  # eight ninths of what was compared
+
+
 def test_an_object_must_be_shown_by_half_of_the_views_that_could(geometry) -> None:
     def found(views: int) -> int:
         group = [region(geometry, view, 0.3, 0.3) for view in range(views)]

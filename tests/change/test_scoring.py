@@ -1,0 +1,34 @@
+"""What a depth difference proves."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from scenediff_classic.change.scoring import ScoringConfig
+from tests.change.running import detect
+from tests.plane_scene import VASE, WALL, scene
+
+
+def test_evidence_of_depth_golden_values() -> None:
+    # by hand: 0.3 * (1 - exp(-(gap / depth - 0.01) / 0.06))
+    gap = np.array([0.0, 0.02, 0.14, 2.0, -0.01, np.nan])
+    found = ScoringConfig().evidence(gap, np.full(6, 2.0))
+    expected = [0.0, 0.0, 0.3 * (1 - np.exp(-1)), 0.3, -0.01, np.nan]
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
+
+
+def test_evidence_is_the_same_in_any_unit_and_grows_with_the_difference() -> None:
+    gap = np.linspace(0, 1, 200)
+    found = ScoringConfig().evidence(gap, np.full(200, 1.5))
+    assert np.all(np.diff(found) >= 0)
+    np.testing.assert_allclose(ScoringConfig().evidence(7 * gap, np.full(200, 7 * 1.5)), found)
+
+
+@pytest.mark.parametrize(("distance", "least"), [(0.1, 0.08), (0.3, 0.2)])
+def test_a_thing_that_stands_out_by_little_is_seen(distance: float, least: float) -> None:
+    # 3.4 and 11 percent of its depth: 0.10 and 0.24 by the formula, where all of it is visible
+    thin = replace(VASE, z=WALL.z - distance)
+    _, evidence = detect(scene([thin], []), scoring=ScoringConfig(feature_weight=0))
+    peak = max(float(np.nanmax(m.geometry)) for m in evidence.scores)
+    assert least < peak <= ScoringConfig().geometry_cap
