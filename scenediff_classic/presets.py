@@ -50,8 +50,8 @@ STEREO: dict[Preset, StereoMethod] = {
 _SOURCES: dict[Preset, int] = {"fast": 4, "balanced": 6, "accurate": 8}
 
 _DIVISORS = {
-    "scoring.voxel", "scoring.geometry_scale", "threshold.bins", "objects.max_points",
-    "outlines.most",
+    "scoring.voxel", "scoring.geometry_noise", "scoring.geometry_scale", "threshold.bins",
+    "objects.max_points", "outlines.most",
 }  # fmt: skip
 
 

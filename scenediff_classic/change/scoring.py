@@ -36,10 +36,13 @@ class ScoringConfig:
     """What a depth difference beyond doubt counts, however large: a farther background is no
     stronger evidence."""
     geometry_noise: float = 0.01
-    """Depth difference, relative to depth, that says nothing: errors of stereo grow with depth."""
-    geometry_scale: float = 0.06
-    """How far beyond that a difference counts 1 - 1/e of the cap: a small thing stands out by
-    little, but where depth is that exact it is no less certain. See `ScoringConfig.evidence`."""
+    """Depth difference, relative to depth, that says nothing, at least: errors grow with depth."""
+    noise_factor: float = 5.0
+    """Two views whose median difference, times this, is larger have that as their noise: poses or
+    depth are worse than they should be. 0 turns this off."""
+    geometry_scale: float = 6.0
+    """How far beyond the noise, in units of it, a difference counts 1 - 1/e of the cap: a small
+    thing stands out by little, but where depth is that exact it is no less certain."""
     shift_cells: int = 1
     """A feature may match within this many grid cells of its reprojection: registration is not
     perfect, and a silhouette off by a pixel is no change. 0 = the paper's exact comparison."""
@@ -55,14 +58,15 @@ class ScoringConfig:
     harmonise: HarmoniseConfig = field(default_factory=HarmoniseConfig)
 
     def evidence(
-        self, gap: Float[np.ndarray, "..."], depth: Float[np.ndarray, "..."]
-    ) -> Float[np.ndarray, "..."]:
-        """What depth differences prove: E_geom of eq. 1, measured by the noise of depth.
+        self, gap: Float[np.ndarray, "h w"], depth: Float[np.ndarray, "h w"]
+    ) -> Float[np.ndarray, "h w"]:
+        """What the depth differences of two views prove: E_geom of eq. 1, measured by its noise.
 
         Parameters
         ----------
         gap : float array
-            Other view's depth minus reprojected depth; negative = in front of it.
+            Other view's depth minus reprojected depth; negative = in front of it, NaN = unknown or
+            no evidence.
         depth : float array
             Depth of the same pixels in their own view, in the same unit as `gap`.
 
@@ -70,9 +74,13 @@ class ScoringConfig:
         -------
         float array
             0 to `geometry_cap`, the same in any unit; a negative `gap` as it is, so that noise
-            about zero does not add up.
+            about zero does not add up; NaN where `gap` is.
         """
-        beyond = np.maximum(gap / depth - self.geometry_noise, 0)
+        relative = gap / depth
+        known = np.abs(relative[np.isfinite(relative)])
+        usual = float(np.median(known)) if len(known) else 0.0
+        noise = max(self.geometry_noise, self.noise_factor * usual)
+        beyond = np.maximum(relative / noise - 1, 0)
         certain = self.geometry_cap * -np.expm1(-beyond / self.geometry_scale)
         return np.where(gap > 0, certain, gap)
 
@@ -292,9 +300,8 @@ class _Accumulator:
         Returns the score of every region in this comparison; NaN = not visible.
         """
         _, visible = region_means(np.where(seen.visible, 0.0, np.nan), self.regions)
-        evidence = config.evidence(seen.gap, self.depth)
-        # a guessed depth proves nothing
-        e_geom, told = region_means(np.where(seen.measured, evidence, np.nan), self.regions)
+        gap = np.where(seen.measured, seen.gap, np.nan)  # a guessed depth proves nothing
+        e_geom, told = region_means(config.evidence(gap, self.depth), self.regions)
         full = np.maximum(config.measured_share * visible, 1e-6)
         e_geom = np.nan_to_num(e_geom) * np.minimum(told / full, 1)
         e_feat, _ = region_means(np.where(seen.visible, distance, np.nan), self.regions)
