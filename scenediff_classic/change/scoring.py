@@ -37,9 +37,9 @@ class ScoringConfig:
     stronger evidence."""
     geometry_noise: float = 0.01
     """Depth difference, relative to depth, that says nothing, at least: errors grow with depth."""
-    noise_factor: float = 5.0
-    """Two views whose median difference, times this, is larger have that as their noise: poses or
-    depth are worse than they should be. 0 turns this off."""
+    noise_factor: float = 2.5
+    """Two views whose differences' third quartile, times this, is larger have that as their noise:
+    poses or depth are worse than they should be. 0 turns this off."""
     geometry_scale: float = 6.0
     """How far beyond the noise, in units of it, a difference counts 1 - 1/e of the cap: a small
     thing stands out by little, but where depth is that exact it is no less certain."""
@@ -78,7 +78,7 @@ class ScoringConfig:
         """
         relative = gap / depth
         known = np.abs(relative[np.isfinite(relative)])
-        usual = float(np.median(known)) if len(known) else 0.0
+        usual = float(np.quantile(known, 0.75)) if len(known) else 0.0
         noise = max(self.geometry_noise, self.noise_factor * usual)
         beyond = np.maximum(relative / noise - 1, 0)
         certain = self.geometry_cap * -np.expm1(-beyond / self.geometry_scale)
