@@ -12,9 +12,9 @@ from tests.plane_scene import VASE, WALL, scene
 
 def test_evidence_of_depth_golden_values() -> None:
     # by hand: 0.3 * (1 - exp(-(gap / depth / 0.01 - 1) / 6)); the third quartile is below it
-    gap = np.array([[*[0.0] * 5, 0.02, 0.14, 2.0, -0.001, np.nan]])
-    found = ScoringConfig().evidence(gap, np.full((1, 10), 2.0))
-    expected = [[*[0.0] * 6, 0.3 * (1 - np.exp(-1)), 0.3, -0.001, np.nan]]
+    gap = np.array([[*[0.0] * 20, 0.02, 0.14, 2.0, -0.001, np.nan]])
+    found = ScoringConfig().evidence(gap, np.full((1, 25), 2.0))
+    expected = [[*[0.0] * 21, 0.3 * (1 - np.exp(-1)), 0.3, -0.001, np.nan]]
     np.testing.assert_allclose(found, expected, rtol=1e-6)
 
 
