@@ -116,6 +116,7 @@ def test_sizes_out_of_range() -> None:
     "scoring",
     [
         ScoringConfig(voxel=0.0),
+        ScoringConfig(geometry_noise=0.0),
         ScoringConfig(geometry_scale=0.0),
         ScoringConfig(region_weight=-0.1),
         ScoringConfig(feature_weight=float("inf")),

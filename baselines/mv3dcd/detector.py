@@ -23,7 +23,7 @@ from scenediff_classic.cameras import unproject
 from scenediff_classic.change.changed_regions import ChangedRegion, ObjectConfig, main_parts
 from scenediff_classic.change.moves import MoveConfig, pair_moves
 from scenediff_classic.change.objects import group_objects
-from scenediff_classic.change.scoring import region_descriptors
+from scenediff_classic.change.region_pooling import region_descriptors
 from scenediff_classic.geometry.from_pictures import GeometryFromPictures
 from scenediff_classic.protocols import (
     FeatureExtractor,

@@ -20,7 +20,8 @@ from scenediff_classic.cameras import pixel_centres, sample, source_from_view, v
 from scenediff_classic.change.changed_regions import ChangedRegion, changed_regions
 from scenediff_classic.change.moves import Change, judged, pair_moves
 from scenediff_classic.change.objects import SceneObject, established, group_objects
-from scenediff_classic.change.scoring import RegionScores, paint, region_means
+from scenediff_classic.change.region_pooling import paint, region_means
+from scenediff_classic.change.scoring import RegionScores
 from scenediff_classic.change.still_there import without_still_there
 from scenediff_classic.change.threshold import change_threshold
 from scenediff_classic.errors import AlignmentError

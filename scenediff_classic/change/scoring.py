@@ -5,12 +5,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Float32, Int32
+from jaxtyping import Float, Float32
 
 from scenediff_classic.cameras import unproject
 from scenediff_classic.change.feature_grids import FeatureGrids
 from scenediff_classic.change.harmonise import HarmoniseConfig, harmonised
 from scenediff_classic.change.kernels import best_cosine
+from scenediff_classic.change.region_pooling import paint, region_descriptors, region_means
 from scenediff_classic.change.visibility import (
     Comparable,
     Reprojection,
@@ -37,7 +38,7 @@ class ScoringConfig:
     stronger evidence."""
     geometry_noise: float = 0.01
     """Depth difference, relative to depth, that says nothing, at least: errors grow with depth."""
-    noise_factor: float = 2.5
+    geometry_noise_factor: float = 2.5
     """Two views whose differences' third quartile, times this, is larger have that as their noise:
     poses or depth are worse than they should be. 0 turns this off."""
     geometry_scale: float = 6.0
@@ -57,7 +58,7 @@ class ScoringConfig:
     visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
     harmonise: HarmoniseConfig = field(default_factory=HarmoniseConfig)
 
-    def evidence(
+    def depth_evidence(
         self, gap: Float[np.ndarray, "h w"], depth: Float[np.ndarray, "h w"]
     ) -> Float[np.ndarray, "h w"]:
         """What the depth differences of two views prove: E_geom of eq. 1, measured by its noise.
@@ -79,7 +80,7 @@ class ScoringConfig:
         relative = gap / depth
         known = np.abs(relative[np.isfinite(relative)])
         usual = float(np.quantile(known, 0.75)) if len(known) else 0.0
-        noise = max(self.geometry_noise, self.noise_factor * usual)
+        noise = max(self.geometry_noise, self.geometry_noise_factor * usual)
         beyond = np.maximum(relative / noise - 1, 0)
         certain = self.geometry_cap * -np.expm1(-beyond / self.geometry_scale)
         return np.where(gap > 0, certain, gap)
@@ -223,25 +224,6 @@ def feature_distance(
     return np.maximum(1 - best, 0)[row, column]
 
 
-def region_means(
-    values: Float[np.ndarray, "h w"], regions: Regions
-) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
-    """Mean over each region's finite values (NaN if it has none), and their share of its pixels."""
-    use = np.isfinite(values) & (regions.labels >= 0)
-    labels = regions.labels[use]
-    counts = np.bincount(labels, minlength=regions.count).astype(float)
-    sums = np.bincount(labels, values[use], minlength=regions.count)
-    sizes = np.bincount(regions.labels[regions.labels >= 0], minlength=regions.count)
-    means = np.divide(sums, counts, out=np.full(regions.count, np.nan), where=counts > 0)
-    return means, counts / np.maximum(sizes, 1)
-
-
-def paint(values: Float[np.ndarray, "n"], labels: Int32[np.ndarray, "h w"]) -> np.ndarray:
-    """Every pixel gets its region's value; NaN where no region is."""
-    out = np.append(values, np.nan).astype(np.float32)
-    return out[labels]  # label -1 picks the appended NaN
-
-
 def smooth_in_3d(
     views: Sequence[View],
     regions: Sequence[Regions],
@@ -301,7 +283,7 @@ class _Accumulator:
         """
         _, visible = region_means(np.where(seen.visible, 0.0, np.nan), self.regions)
         gap = np.where(seen.measured, seen.gap, np.nan)  # a guessed depth proves nothing
-        e_geom, told = region_means(config.evidence(gap, self.depth), self.regions)
+        e_geom, told = region_means(config.depth_evidence(gap, self.depth), self.regions)
         full = np.maximum(config.measured_share * visible, 1e-6)
         e_geom = np.nan_to_num(e_geom) * np.minimum(told / full, 1)
         e_feat, _ = region_means(np.where(seen.visible, distance, np.nan), self.regions)
@@ -322,25 +304,3 @@ class _Accumulator:
         with np.errstate(invalid="ignore"):
             geometry, feature, region = self.sums / np.where(self.counts > 0, self.counts, np.nan)
         return ScoreMaps(geometry, feature, region, config.total(geometry, feature, region))
-
-
-def region_descriptors(
-    grid: Float32[np.ndarray, "r k c"], regions: Regions
-) -> Float32[np.ndarray, "n c"]:
-    """Unit-length mean feature of each region, every cell weighted by the region's pixels in it."""
-    rows, columns, channels = grid.shape
-    height, width = regions.labels.shape
-    row = (np.arange(height) * rows // height)[:, None]
-    column = np.arange(width) * columns // width
-    cell = row * columns + column
-    inside = regions.labels >= 0
-    # pixel counts of every (region, cell) pair, so that thin regions get their share as well
-    keys, counts = np.unique(
-        regions.labels[inside].astype(np.int64) * (rows * columns) + cell[inside],
-        return_counts=True,
-    )
-    flat = grid.reshape(-1, channels).astype(np.float32)
-    weighted = flat[keys % (rows * columns)] * counts[:, None].astype(np.float32)
-    sums = np.zeros((regions.count, channels), np.float32)
-    np.add.at(sums, keys // (rows * columns), weighted)
-    return sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-8)

@@ -14,8 +14,8 @@ from scenediff_classic.cameras import camera_centre, unproject
 from scenediff_classic.change.changed_regions import ChangedRegion, ObjectConfig
 from scenediff_classic.change.harmonise import HarmoniseConfig, harmonised
 from scenediff_classic.change.objects import SceneObject
+from scenediff_classic.change.region_pooling import region_descriptors
 from scenediff_classic.change.scale import normalised
-from scenediff_classic.change.scoring import region_descriptors
 from scenediff_classic.change.visibility import VisibilityConfig, pair_views
 from scenediff_classic.geometry.known_cameras import NpzGeometry
 from scenediff_classic.protocols import silent

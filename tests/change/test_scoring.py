@@ -13,16 +13,16 @@ from tests.plane_scene import VASE, WALL, scene
 def test_evidence_of_depth_golden_values() -> None:
     # by hand: 0.3 * (1 - exp(-(gap / depth / 0.01 - 1) / 6)); the third quartile is below it
     gap = np.array([[*[0.0] * 20, 0.02, 0.14, 2.0, -0.001, np.nan]])
-    found = ScoringConfig().evidence(gap, np.full((1, 25), 2.0))
+    found = ScoringConfig().depth_evidence(gap, np.full((1, 25), 2.0))
     expected = [[*[0.0] * 21, 0.3 * (1 - np.exp(-1)), 0.3, -0.001, np.nan]]
     np.testing.assert_allclose(found, expected, rtol=1e-6)
 
 
 def test_evidence_is_the_same_in_any_unit_and_grows_with_the_difference() -> None:
     gap, depth = np.linspace(0, 1, 200)[None], np.full((1, 200), 1.5)
-    found = ScoringConfig().evidence(gap, depth)
+    found = ScoringConfig().depth_evidence(gap, depth)
     assert np.all(np.diff(found) >= 0)
-    np.testing.assert_allclose(ScoringConfig().evidence(7 * gap, 7 * depth), found)
+    np.testing.assert_allclose(ScoringConfig().depth_evidence(7 * gap, 7 * depth), found)
 
 
 def test_where_all_differs_a_difference_proves_less() -> None:
@@ -30,14 +30,14 @@ def test_where_all_differs_a_difference_proves_less() -> None:
     off, depth = np.full((1, 9), 0.04), np.ones((1, 9))
     off[0, 0] = 0.1
     exact = np.where(off < 0.1, 0.0, off)
-    assert ScoringConfig().evidence(exact, depth)[0, 0] > 0.2
-    assert np.all(ScoringConfig().evidence(off, depth) == 0)
-    assert np.all(ScoringConfig(noise_factor=0.0).evidence(off, depth) > 0.1)
+    assert ScoringConfig().depth_evidence(exact, depth)[0, 0] > 0.2
+    assert np.all(ScoringConfig().depth_evidence(off, depth) == 0)
+    assert np.all(ScoringConfig(geometry_noise_factor=0.0).depth_evidence(off, depth) > 0.1)
 
 
 def test_nothing_known_proves_nothing() -> None:
     unknown = np.full((2, 3), np.nan)
-    assert np.isnan(ScoringConfig().evidence(unknown, unknown)).all()
+    assert np.isnan(ScoringConfig().depth_evidence(unknown, unknown)).all()
 
 
 @pytest.mark.parametrize(("distance", "least"), [(0.1, 0.08), (0.3, 0.2)])
