@@ -38,9 +38,10 @@ class ScoringConfig:
     stronger evidence."""
     geometry_noise: float = 0.01
     """Depth difference, relative to depth, that says nothing, at least: errors grow with depth."""
-    geometry_noise_factor: float = 2.5
-    """Two views whose differences' third quartile, times this, is larger have that as their noise:
-    poses or depth are worse than they should be. 0 turns this off."""
+    geometry_noise_factor: float = 3.5
+    """Two views in which the third quartile of how far regions are off (the mean difference of
+    each) times this is larger have that as their noise: poses are worse than they should be. The
+    errors of stereo average out over a region, those of poses don't. 0 turns this off."""
     geometry_scale: float = 6.0
     """How far beyond the noise, in units of it, a difference counts 1 - 1/e of the cap: a small
     thing stands out by little, but where depth is that exact it is no less certain."""
@@ -48,9 +49,10 @@ class ScoringConfig:
     """A feature may match within this many grid cells of its reprojection: registration is not
     perfect, and a silhouette off by a pixel is no change. 0 = the paper's exact comparison."""
     measured_share: float = 1.0
-    """Share of a region's visible pixels that must be measured for its E_geom to count in full; it
-    is the mean over these pixels, and counts less in proportion where fewer are measured. Lower
-    values find more where depth is patchy, and report more wrong depth as a change."""
+    """Share of a region's visible pixels that must be measured for its E_geom to count in full, in
+    units of what is usual between the two views; it is the mean over these pixels, and counts less
+    in proportion where fewer are measured. Lower values find more where depth is patchy, and
+    report more wrong depth as a change."""
     min_visible: float = 0.3
     """Regions with a smaller visible part have no score (0 after smoothing, as in the paper)."""
     voxel: float = 1 / 200
@@ -59,7 +61,7 @@ class ScoringConfig:
     harmonise: HarmoniseConfig = field(default_factory=HarmoniseConfig)
 
     def depth_evidence(
-        self, gap: Float[np.ndarray, "h w"], depth: Float[np.ndarray, "h w"]
+        self, gap: Float[np.ndarray, "h w"], depth: Float[np.ndarray, "h w"], regions: Regions
     ) -> Float[np.ndarray, "h w"]:
         """What the depth differences of two views prove: E_geom of eq. 1, measured by its noise.
 
@@ -70,6 +72,8 @@ class ScoringConfig:
             no evidence.
         depth : float array
             Depth of the same pixels in their own view, in the same unit as `gap`.
+        regions : Regions
+            Of the same view: the noise is what differs over most of them.
 
         Returns
         -------
@@ -78,8 +82,9 @@ class ScoringConfig:
             about zero does not add up; NaN where `gap` is.
         """
         relative = gap / depth
-        known = np.abs(relative[np.isfinite(relative)])
-        usual = float(np.quantile(known, 0.75)) if len(known) else 0.0
+        off = np.abs(paint(region_means(relative, regions)[0], regions.labels))
+        off = off[np.isfinite(relative) & np.isfinite(off)]
+        usual = float(np.quantile(off, 0.75)) if len(off) else 0.0
         noise = max(self.geometry_noise, self.geometry_noise_factor * usual)
         beyond = np.maximum(relative / noise - 1, 0)
         certain = self.geometry_cap * -np.expm1(-beyond / self.geometry_scale)
@@ -283,8 +288,11 @@ class _Accumulator:
         """
         _, visible = region_means(np.where(seen.visible, 0.0, np.nan), self.regions)
         gap = np.where(seen.measured, seen.gap, np.nan)  # a guessed depth proves nothing
-        e_geom, told = region_means(config.depth_evidence(gap, self.depth), self.regions)
-        full = np.maximum(config.measured_share * visible, 1e-6)
+        e_geom, told = region_means(
+            config.depth_evidence(gap, self.depth, self.regions), self.regions
+        )
+        usual = np.count_nonzero(seen.measured) / max(np.count_nonzero(seen.visible), 1)
+        full = np.maximum(config.measured_share * usual * visible, 1e-6)
         e_geom = np.nan_to_num(e_geom) * np.minimum(told / full, 1)
         e_feat, _ = region_means(np.where(seen.visible, distance, np.nan), self.regions)
         e_region = np.full(self.regions.count, np.nan)
