@@ -54,6 +54,7 @@ SWEEPS = (
     Sweep("sigma_geo", "objects.merge_radius", (0.0025, 0.005, 0.01, 0.02, 0.04)),
     Sweep("geometry noise", "scoring.geometry_noise", (0.0025, 0.005, 0.01, 0.02, 0.04)),
     Sweep("geometry scale", "scoring.geometry_scale", (3, 6, 12, 24)),
+    Sweep("measured share", "scoring.measured_share", (0.3, 0.6, 1, 1.5)),
     Sweep("noise floor", "threshold.noise_floor", (0, 0.05, 0.08, 0.11, 0.14, 0.17)),
     Sweep("certain change", "threshold.certain", (0.15, 0.18, 0.22, 0.26, 0.32)),
     Sweep("least overlap", "objects.min_overlap", (0.0, 0.3, 0.5, 0.6, 0.7, 0.8)),
