@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Float32
 
-from scenediff_classic.cameras import unproject
 from scenediff_classic.change.feature_grids import FeatureGrids
 from scenediff_classic.change.harmonise import HarmoniseConfig, harmonised
 from scenediff_classic.change.kernels import best_cosine
@@ -19,8 +18,9 @@ from scenediff_classic.change.visibility import (
     pair_views,
     reproject,
 )
+from scenediff_classic.change.voxel_smoothing import smooth_in_3d
 from scenediff_classic.protocols import FeatureExtractor, Progress, silent
-from scenediff_classic.types import VIDEOS, Geometry, Regions, ScoreMaps, View
+from scenediff_classic.types import Geometry, Regions, ScoreMaps, View
 
 Scored = Float[np.ndarray, "..."]
 
@@ -191,7 +191,9 @@ def _pooled(
     """Smooth the totals over the views of each capture, and read everything by region."""
     views = geometry.views
     if len(views) > 2:  # a pair of single photos has nothing to average over (paper Sec. 4.4)
-        smoothed = smooth_in_3d(views, regions, [m.total for m in averaged], config)
+        smoothed = smooth_in_3d(
+            views, regions, [m.total for m in averaged], config.voxel, config.min_visible
+        )
     else:
         smoothed = [m.total for m in averaged]
     maps, scored = [], []
@@ -227,42 +229,6 @@ def feature_distance(
     row = (np.arange(height) * rows // height)[:, None]
     column = np.arange(width) * columns // width
     return np.maximum(1 - best, 0)[row, column]
-
-
-def smooth_in_3d(
-    views: Sequence[View],
-    regions: Sequence[Regions],
-    totals: Sequence[Float32[np.ndarray, "h w"]],
-    config: ScoringConfig,
-) -> list[Float32[np.ndarray, "h w"]]:
-    """Average within voxels over each capture's views, then over regions again (Sec. 4.3)."""
-    out: list[np.ndarray] = list(totals)
-    for video in VIDEOS:
-        members = [k for k, v in enumerate(views) if v.video == video]
-        points = [unproject(views[k]) for k in members]
-        known = [
-            np.isfinite(totals[k]) & np.isfinite(p[..., 0])
-            for k, p in zip(members, points, strict=True)
-        ]
-        if not any(k.any() for k in known):
-            continue
-        cells = np.concatenate(
-            [np.floor(p[k] / config.voxel) for p, k in zip(points, known, strict=True)]
-        )
-        values = np.concatenate([totals[k][m] for k, m in zip(members, known, strict=True)])
-        cells = (cells - cells.min(axis=0)).astype(np.int64)
-        spans = cells.max(axis=0) + 1
-        keys = (cells[:, 0] * spans[1] + cells[:, 1]) * spans[2] + cells[:, 2]
-        _, owner = np.unique(keys, return_inverse=True)
-        mean = (np.bincount(owner, values) / np.bincount(owner))[owner]
-        parts = np.split(mean, np.cumsum([k.sum() for k in known])[:-1])
-        for k, mask, part in zip(members, known, parts, strict=True):
-            written = np.full(totals[k].shape, np.nan, np.float32)
-            written[mask] = part
-            pooled, visible = region_means(written, regions[k])
-            pooled[visible < config.min_visible] = 0
-            out[k] = paint(pooled, regions[k].labels)
-    return out
 
 
 class _Accumulator:
