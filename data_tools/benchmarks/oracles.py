@@ -20,6 +20,8 @@ from scenediff_classic.cameras import pixel_centres, sample, source_from_view, v
 from scenediff_classic.change.changed_regions import ChangedRegion, changed_regions
 from scenediff_classic.change.moves import Change, judged, pair_moves
 from scenediff_classic.change.objects import SceneObject, established, group_objects
+from scenediff_classic.change.other_views import completed
+from scenediff_classic.change.outlines import redrawn
 from scenediff_classic.change.region_pooling import paint, region_means
 from scenediff_classic.change.scoring import RegionScores
 from scenediff_classic.change.still_there import without_still_there
@@ -223,6 +225,11 @@ class TrueAssociation:
         rest = group_objects(
             geometry, stages.regions, others, threshold, config.features.merge, options
         )
+        shown = completed(
+            [*known.values(), *rest], geometry, stages.regions, stages.scores, options
+        )
+        shown = redrawn(shown, geometry, config.outlines)
+        known, rest = dict(zip(known, shown)), shown[len(known) :]  # noqa: B905 (rest is longer)
         changes = []
         if self.moves:
             for number in self.truth.changed:
