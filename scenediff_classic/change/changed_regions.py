@@ -57,10 +57,10 @@ class ObjectConfig:
     that bleeds onto another thing must not tie the two together. 0 turns this off."""
     max_points: int = 1000
     """Points kept per region for the overlap test."""
-    known_share: float = 0.6
+    known_share: float = 0.7
     """Share of a region that an object's parts in other views must cover for it to be part of the
     object, whatever its own score says. Above 1 turns this off, as in the paper."""
-    known_views: float = 0.5
+    known_views: float = 1 / 3
     """Share of the object's other views that must cover a point so."""
 
 
