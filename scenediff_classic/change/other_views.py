@@ -47,27 +47,26 @@ def completed(
     """
     if config.known_share > 1:
         return list(objects)
-    points = [unproject(view) for view in geometry.views]
+    clouds = [_clouds(item) for item in objects]
     taken = {(r.view, r.label) for item in objects for r in item.regions}
-    found = []
-    for item in objects:
-        clouds = _clouds(item)
-        new: list[ChangedRegion] = []
-        for k, view in enumerate(geometry.views):
-            others = [cloud for other, cloud in clouds.items() if other != k]
+    new: list[list[ChangedRegion]] = [[] for _ in objects]
+    for k, view in enumerate(geometry.views):
+        points, labels = unproject(view), proposals[k].labels
+        for number, item in enumerate(objects):
+            others = [cloud for other, cloud in clouds[number].items() if other != k]
             if view.video != item.video or not others:
                 continue
-            usable = np.isfinite(points[k]).all(axis=-1) & ~view.ignore
-            labels = proposals[k].labels
-            for label in np.unique(labels[usable & _within(points[k], others, config)]):
+            for label in np.unique(labels[_within(points, others, config) & ~view.ignore]):
                 if label < 0 or (k, label) in taken:
                     continue
                 mask = (labels == label) & ~view.ignore
-                if _covered(points[k][mask], others, config):
-                    new.append(scored_region(k, int(label), mask, points[k], scores, config))
-        taken |= {(r.view, r.label) for r in new}
-        found.append(replace(item, regions=(*item.regions, *new)))
-    return found
+                if _covered(points[mask], others, config):
+                    new[number].append(scored_region(k, int(label), mask, points, scores, config))
+                    taken.add((k, label))
+    return [
+        replace(item, regions=(*item.regions, *more))
+        for item, more in zip(objects, new, strict=True)
+    ]
 
 
 def _clouds(item: SceneObject) -> dict[int, KDTree]:
