@@ -11,7 +11,6 @@ from scenediff_classic.change.changed_regions import ObjectConfig, changed_regio
 from scenediff_classic.change.describe import ConfidenceConfig, describe
 from scenediff_classic.change.moves import Change, MoveConfig, pair_moves
 from scenediff_classic.change.objects import group_objects
-from scenediff_classic.change.other_views import completed
 from scenediff_classic.change.outlines import OutlineConfig, redrawn
 from scenediff_classic.change.scale import normalised, rescaled
 from scenediff_classic.change.scoring import Scores, ScoringConfig, score_changes
@@ -135,7 +134,6 @@ def decided(
         geometry, regions, changed, threshold, config.features.merge, config.objects
     )
     objects = without_still_there(objects, geometry, scores.light, config.still_there)
-    objects = completed(objects, geometry, regions, scores, config.objects)
     objects = redrawn(objects, geometry, config.outlines)
     changes = pair_moves(objects, config.features.similarity, config.moves)
     if config.still_there.applies(scores.light):

@@ -5,6 +5,7 @@ from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
+from scenediff_classic.change.scoring import MEASURED_SHARE
 from scenediff_classic.change.threshold import NOISE_FLOOR
 from scenediff_classic.devices import Device, check_device
 from scenediff_classic.errors import InputError
@@ -41,6 +42,9 @@ MIN_LONG_SIDE = 64
 
 _FLOOR: dict[Preset, float] = {"fast": 0.13, "balanced": NOISE_FLOOR, "accurate": NOISE_FLOOR}
 """Small pictures make more noise: chosen on the rendered `val` pairs."""
+
+_SHARE: dict[Preset, float] = {"fast": MEASURED_SHARE, "balanced": MEASURED_SHARE, "accurate": 0.5}
+"""Large pictures show more of small things than stereo can measure; chosen on one real capture."""
 
 STEREO: dict[Preset, StereoMethod] = {
     "fast": "plane-sweep", "balanced": "patchmatch", "accurate": "patchmatch",
@@ -110,6 +114,8 @@ def configured(
     _check_numbers(base, "")
     if base.threshold.noise_floor is None:
         base = replace(base, threshold=replace(base.threshold, noise_floor=_FLOOR[preset]))
+    if base.scoring.measured_share is None:
+        base = replace(base, scoring=replace(base.scoring, measured_share=_SHARE[preset]))
     if features is not None:
         base = replace(base, features=FEATURES[features])
     if regions is not None:

@@ -73,6 +73,13 @@ def test_small_pictures_are_swept_and_make_more_noise() -> None:
     assert configured("fast", base=own).threshold.noise_floor == 0.05
 
 
+def test_only_the_accurate_preset_trusts_half_of_a_region() -> None:
+    shares = [configured(p).scoring.measured_share for p in ("fast", "balanced", "accurate")]
+    assert shares == [1.0, 1.0, 0.5]
+    own = DetectConfig(scoring=ScoringConfig(measured_share=0.8))
+    assert configured("accurate", base=own).scoring.measured_share == 0.8
+
+
 def test_matching_with_weights_of_ones_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(presets, "check_learned", lambda folder: None)
     config = configured(learned_matching=tmp_path)
@@ -130,5 +137,5 @@ def test_numbers_without_a_meaning(scoring: ScoringConfig) -> None:
 
 def test_a_weight_of_zero_and_a_negative_occlusion_margin_have_a_meaning() -> None:
     visibility = replace(VisibilityConfig(), occlusion=-0.05)
-    scoring = ScoringConfig(region_weight=0.0, visibility=visibility)
+    scoring = ScoringConfig(region_weight=0.0, visibility=visibility, measured_share=1.0)
     assert configured(base=DetectConfig(scoring=scoring)).scoring == scoring

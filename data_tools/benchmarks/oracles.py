@@ -20,7 +20,6 @@ from scenediff_classic.cameras import pixel_centres, sample, source_from_view, v
 from scenediff_classic.change.changed_regions import ChangedRegion, changed_regions
 from scenediff_classic.change.moves import Change, judged, pair_moves
 from scenediff_classic.change.objects import SceneObject, established, group_objects
-from scenediff_classic.change.other_views import completed
 from scenediff_classic.change.outlines import redrawn
 from scenediff_classic.change.region_pooling import paint, region_means
 from scenediff_classic.change.scoring import RegionScores

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Float64
+from jaxtyping import Bool, Float32, Float64
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
@@ -57,11 +57,6 @@ class ObjectConfig:
     that bleeds onto another thing must not tie the two together. 0 turns this off."""
     max_points: int = 1000
     """Points kept per region for the overlap test."""
-    known_share: float = 0.7
-    """Share of a region that an object's parts in other views must cover for it to be part of the
-    object, whatever its own score says. Above 1 turns this off, as in the paper."""
-    known_views: float = 1 / 3
-    """Share of the object's other views that must cover a point so."""
 
 
 @dataclass(frozen=True)
@@ -97,44 +92,33 @@ def changed_regions(
     """Regions above the threshold in every view (not yet cleaned of tiny ones)."""
     found = []
     for k, (view, proposal) in enumerate(zip(geometry.views, regions, strict=True)):
+        scored = scores.regions[k]
+        compared = [(b, score) for (a, b), score in scores.comparisons.items() if a == k]
         least = threshold * min(config.weak, 1)
-        total = scores.regions[k].total
-        changed = np.flatnonzero(np.nan_to_num(total, nan=-np.inf) > least)
+        changed = np.flatnonzero(np.nan_to_num(scored.total, nan=-np.inf) > least)
         if len(changed) == 0:
             continue
         points = unproject(view)
         for label in changed:
             mask = (proposal.labels == label) & ~view.ignore
-            if mask.any():
-                found.append(scored_region(k, int(label), mask, points, scores, config))
+            if not mask.any():
+                continue
+            terms = (scored.geometry[label], scored.feature[label], scored.region[label])
+            found.append(
+                ChangedRegion(
+                    view=k,
+                    label=int(label),
+                    mask=mask,
+                    score=float(scored.total[label]),
+                    terms=TermScores(*(float(np.nan_to_num(t)) for t in terms)),
+                    descriptor=scored.descriptors[label],
+                    points=main_parts(_cloud(points[mask]), config),
+                    comparisons=tuple(
+                        (b, float(s[label])) for b, s in compared if np.isfinite(s[label])
+                    ),
+                )
+            )
     return found
-
-
-def scored_region(
-    k: int,
-    label: int,
-    mask: Bool[np.ndarray, "h w"],
-    points: Float[np.ndarray, "h w 3"],
-    scores: Scores,
-    config: ObjectConfig,
-) -> ChangedRegion:
-    """A region of view `k` with its scores; `points` are those of the view's pixels."""
-    scored = scores.regions[k]
-    terms = (scored.geometry[label], scored.feature[label], scored.region[label])
-    return ChangedRegion(
-        view=k,
-        label=label,
-        mask=mask,
-        score=float(np.nan_to_num(scored.total[label])),
-        terms=TermScores(*(float(np.nan_to_num(t)) for t in terms)),
-        descriptor=scored.descriptors[label],
-        points=main_parts(_cloud(points[mask]), config),
-        comparisons=tuple(
-            (b, float(s[label]))
-            for (a, b), s in scores.comparisons.items()
-            if a == k and np.isfinite(s[label])
-        ),
-    )
 
 
 def pair_scores(regions: Sequence[ChangedRegion]) -> dict[tuple[int, int], float]:

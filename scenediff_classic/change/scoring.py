@@ -24,6 +24,9 @@ from scenediff_classic.types import Geometry, Regions, ScoreMaps, View
 
 Scored = Float[np.ndarray, "..."]
 
+MEASURED_SHARE = 1.0
+"""All of a region must be measured for its E_geom to count in full."""
+
 
 @dataclass(frozen=True)
 class ScoringConfig:
@@ -48,17 +51,22 @@ class ScoringConfig:
     shift_cells: int = 1
     """A feature may match within this many grid cells of its reprojection: registration is not
     perfect, and a silhouette off by a pixel is no change. 0 = the paper's exact comparison."""
-    measured_share: float = 1.0
-    """Share of a region's visible pixels that must be measured for its E_geom to count in full, in
-    units of what is usual between the two views; it is the mean over these pixels, and counts less
-    in proportion where fewer are measured. Lower values find more where depth is patchy, and
-    report more wrong depth as a change."""
+    measured_share: float | None = None
+    """Share of a region's visible pixels that must be measured for its E_geom to count in full; it
+    is the mean over these pixels, and counts less in proportion where fewer are measured. Lower
+    values find more where depth is patchy, and report more wrong depth as a change. None =
+    `MEASURED_SHARE`, or what the preset says."""
     min_visible: float = 0.3
     """Regions with a smaller visible part have no score (0 after smoothing, as in the paper)."""
     voxel: float = 1 / 200
     """Side of the voxels that average scores over the views of a capture."""
     visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
     harmonise: HarmoniseConfig = field(default_factory=HarmoniseConfig)
+
+    @property
+    def full_share(self) -> float:
+        """The `measured_share` that counts."""
+        return MEASURED_SHARE if self.measured_share is None else self.measured_share
 
     def depth_evidence(
         self, gap: Float[np.ndarray, "h w"], depth: Float[np.ndarray, "h w"], regions: Regions
@@ -257,8 +265,7 @@ class _Accumulator:
         e_geom, told = region_means(
             config.depth_evidence(gap, self.depth, self.regions), self.regions
         )
-        usual = np.count_nonzero(seen.measured) / max(np.count_nonzero(seen.visible), 1)
-        full = np.maximum(config.measured_share * usual * visible, 1e-6)
+        full = np.maximum(config.full_share * visible, 1e-6)
         e_geom = np.nan_to_num(e_geom) * np.minimum(told / full, 1)
         e_feat, _ = region_means(np.where(seen.visible, distance, np.nan), self.regions)
         e_region = np.full(self.regions.count, np.nan)

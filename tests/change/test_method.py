@@ -161,11 +161,6 @@ def test_a_measured_half_can_stand_for_the_whole(changed):
     assert _peak(halved, 0.2) == pytest.approx(full, rel=0.2)
 
 
-def test_what_is_measured_as_much_as_the_rest_counts_in_full(changed):
-    halved = replace(changed, views=tuple(_in_stripes(v) for v in changed.views))
-    assert _peak(halved, 1.0) == pytest.approx(_peak(changed, 1.0), rel=0.2)
-
-
 def test_no_depth_at_all_is_one_clear_sentence(changed):
     blind = tuple(replace(v, measured=np.zeros(v.shape, bool)) for v in changed.views)
     with pytest.raises(AlignmentError, match="No depth could be measured"):
