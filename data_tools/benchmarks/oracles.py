@@ -224,10 +224,7 @@ class TrueAssociation:
         rest = group_objects(
             geometry, stages.regions, others, threshold, config.features.merge, options
         )
-        shown = completed(
-            [*known.values(), *rest], geometry, stages.regions, stages.scores, options
-        )
-        shown = redrawn(shown, geometry, config.outlines)
+        shown = redrawn([*known.values(), *rest], geometry, config.outlines)
         known, rest = dict(zip(known, shown)), shown[len(known) :]  # noqa: B905 (rest is longer)
         changes = []
         if self.moves:
