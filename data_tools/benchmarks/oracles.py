@@ -224,8 +224,9 @@ class TrueAssociation:
         rest = group_objects(
             geometry, stages.regions, others, threshold, config.features.merge, options
         )
-        shown = redrawn([*known.values(), *rest], geometry, config.outlines)
-        known, rest = dict(zip(known, shown)), shown[len(known) :]  # noqa: B905 (rest is longer)
+        outlined = redrawn([*known.values()], geometry, config.outlines)
+        known = dict(zip(known, outlined, strict=True))
+        rest = redrawn(rest, geometry, config.outlines)
         changes = []
         if self.moves:
             for number in self.truth.changed:
